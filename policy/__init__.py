@@ -1,0 +1,1 @@
+"""The actor contract: spec, metadata, observations, inference."""

@@ -1,0 +1,174 @@
+"""An actor ready to run: its spec, checked against its own graph and against the robot."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+from policy.adapters import pbhc
+from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
+from policy.observation import check_terms, gather_index, term_dims
+from policy.session import ORT_ERRORS, one_line, open_session
+from policy.spec import ActorSpec, MotionInfo
+from robot.errors import InputError
+from robot.robot import Robot
+
+ACTORS_DIR = Path(__file__).parent / "actors"
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A loaded actor. ``sha256`` is that of the file; ``motion_npz`` the clip inside it, if any."""
+
+    spec: ActorSpec
+    sha256: str
+    motion_npz: bytes | None
+    path: Path
+    session: onnxruntime.InferenceSession
+
+    def infer(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The graph's raw output (J,) float32, as it comes, for one (n,) array per observation group."""
+        feed = {name: np.asarray(values, np.float32)[None] for name, values in observations.items()}
+        return self.session.run(None, feed)[0].reshape(-1)
+
+
+def bundled_actors() -> list[str]:
+    """Names of the actors that come with the project."""
+    return sorted(path.parent.name for path in ACTORS_DIR.glob("*/actor.onnx"))
+
+
+def load_actor(name_or_file: str | Path, robot: Robot, motion: MotionInfo | None = None) -> Actor:
+    """Load a bundled actor by name, or any ``.onnx`` file, and check all that can be checked.
+
+    ``motion`` describes the clip given beside the actor, its pose in the robot's joint order; an actor
+    without a motion of its own needs it, one with its own refuses another. InputError names what does
+    not fit: file, metadata, robot, graph.
+    """
+    path = resolve_actor(name_or_file)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path) from error
+    session = open_session(content, path)
+    spec, motion_npz = _read_spec(path, session, robot, motion)
+    _check_graph(path, spec, session)
+    actor = Actor(spec, hashlib.sha256(content).hexdigest(), motion_npz, path, session)
+    _try_out(actor)
+    return actor
+
+
+def resolve_actor(name_or_file: str | Path) -> Path:
+    """The file of a bundled actor or the file itself. InputError, listing the bundled names, if neither."""
+    name = str(name_or_file)
+    if name in bundled_actors():
+        return ACTORS_DIR / name / "actor.onnx"
+    path = Path(name_or_file)
+    if path.is_file():
+        return path
+    what = "is a folder, not an actor" if path.is_dir() else "no such actor"
+    bundled = ", ".join(bundled_actors()) or "none"
+    raise InputError(what, where=name, expected=f"a bundled actor ({bundled}) or an .onnx file")
+
+
+def _read_spec(
+    path: Path, session: onnxruntime.InferenceSession, robot: Robot, motion: MotionInfo | None
+) -> tuple[ActorSpec, bytes | None]:
+    entries = metadata_map(session)
+    config = path.with_name("config.yaml")
+    motion_npz = None
+    if SPEC_KEY in entries:
+        metadata = parse_metadata(entries, path)
+        spec, motion_npz = metadata.spec, metadata.motion_npz
+    elif config.is_file():
+        spec = pbhc.read_spec(config, [entry.name for entry in session.get_inputs()], robot.name)
+    else:
+        expected = f"metadata {SPEC_KEY!r}, or a PBHC config.yaml beside the file"
+        raise InputError("not a known kind of actor", where=path, got="neither", expected=expected)
+    _check_robot(path, spec, robot)
+    return _with_motion(path, spec, robot, motion), motion_npz
+
+
+def _check_robot(path: Path, spec: ActorSpec, robot: Robot) -> None:
+    missing = [name for name in spec.joint_names if name not in robot.joint_names]
+    extra = [name for name in robot.joint_names if name not in spec.joint_names]
+    if missing or extra:
+        parts = [f"the robot lacks {', '.join(missing)}"] if missing else []
+        parts += [f"the actor lacks {', '.join(extra)}"] if extra else []
+        raise InputError(
+            f"the joints of actor and robot {robot.name!r} differ",
+            where=path,
+            got="; ".join(parts),
+            expected="the same names",
+        )
+    if spec.robot != robot.name:
+        raise InputError("made for another robot", where=path, got=repr(spec.robot), expected=repr(robot.name))
+
+
+def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo | None) -> ActorSpec:
+    if spec.motion is None and motion is None:
+        raise InputError("this actor carries no reference motion: give --motion", where=path)
+    if motion is None:
+        return spec
+    if spec.motion is None:
+        to_actor = np.argsort(robot.joint_index(spec.joint_names))
+        pose = motion.start_joint_pos_rad[to_actor]
+        return replace(spec, motion=replace(motion, start_joint_pos_rad=pose))
+    if spec.motion.sha256 != motion.sha256:
+        raise InputError(
+            "the motion given is not the one this actor tracks",
+            where=path,
+            got=f"{motion.name!r} ({motion.sha256[:12]})",
+            expected=f"{spec.motion.name!r} ({spec.motion.sha256[:12]})",
+            hint="leave --motion out: the actor carries its own",
+        )
+    return spec
+
+
+def _check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSession) -> None:
+    for group in spec.observations:
+        check_terms(group, str(path))
+    inputs = {entry.name: entry for entry in session.get_inputs()}
+    names = [group.name for group in spec.observations]
+    if set(inputs) != set(names):
+        got, expected = ", ".join(inputs), f"the spec's observation groups {', '.join(names)}"
+        raise InputError("graph inputs differ from the spec", where=path, got=got, expected=expected)
+    for group in spec.observations:
+        size = len(gather_index(group, term_dims(spec.num_joints)))
+        _check_tensor(f"{path}: graph input {group.name!r}", inputs[group.name], size, "the spec's layout")
+    outputs = session.get_outputs()
+    if len(outputs) != 1:
+        got = ", ".join(entry.name for entry in outputs)
+        raise InputError("graph outputs differ from the spec", where=path, got=got, expected="one, the action")
+    where = f"{path}: graph output {outputs[0].name!r}"
+    _check_tensor(where, outputs[0], spec.num_joints, "the spec's joints")
+
+
+def _check_tensor(where: str, tensor: Any, size: int, source: str) -> None:
+    """``tensor`` must be float32 (1 or free, ``size`` or free); the trial run settles what is free."""
+    if tensor.type != "tensor(float)":
+        raise InputError("wrong type", where=where, got=tensor.type, expected="tensor(float)")
+    shape = list(tensor.shape)
+    fixed = [[1, size][axis] == dim for axis, dim in enumerate(shape[:2]) if isinstance(dim, int)]
+    if len(shape) != 2 or not all(fixed):
+        raise InputError("wrong size", where=where, got=shape, expected=f"[1, {size}] by {source}")
+
+
+def _try_out(actor: Actor) -> None:
+    spec = actor.spec
+    dims = term_dims(spec.num_joints)
+    zeros = {group.name: np.zeros(len(gather_index(group, dims)), np.float32) for group in spec.observations}
+    try:
+        action = actor.infer(zeros)
+    except ORT_ERRORS as error:
+        raise InputError(f"the graph does not run ({one_line(error)})", where=actor.path) from error
+    if action.shape != (spec.num_joints,):
+        raise InputError("wrong action size", where=actor.path, got=action.size, expected=spec.num_joints)
+    if not np.isfinite(action).all():
+        got = "a non-finite action for a zero observation"
+        raise InputError("the graph is broken", where=actor.path, got=got, expected="finite numbers")

@@ -1,0 +1,1 @@
+"""Readers of other people's actors into this project's spec."""
