@@ -1,0 +1,1 @@
+"""Hardware abstraction: state and command types, backends."""

@@ -1,0 +1,131 @@
+"""Files and names: what is accepted and what is refused, with which words."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from hal.clock import SimulatedClock
+from hal.mock import MockBackend, MockOptions
+from hal.mujoco import MujocoBackend
+from hal.open import BACKENDS, open_backend
+from hal.options import CONFIGS, config_file, from_mapping, load_options
+from hal.sim_options import load_sim_options
+from robot.errors import InputError
+from tests.hal.rigs import G1
+
+DEFAULT = (CONFIGS / "sim" / "default.yaml").read_text(encoding="utf-8")
+
+
+def test_bundled_simulations() -> None:
+    default, reference = load_sim_options("default"), load_sim_options("reference")
+    assert default.timestep_s == 0.001
+    assert not default.report_only
+    assert reference.timestep_s == 0.005
+    assert reference.report_only
+    for options in (default, reference):
+        assert (options.friction, options.command_delay_s, options.push_speed_m_s) == (None, None, None)
+        assert options.push_interval_s == 5.0
+        assert not options.randomize
+
+
+def test_randomisation_is_the_papers_and_the_released_configs() -> None:
+    r = load_sim_options().randomization
+    assert r.friction == (0.6, 1.1)
+    assert r.kp_scale == r.kd_scale == r.mass_scale == r.inertia_scale == (0.9, 1.1)
+    assert r.torso_com_m == (0.05, 0.05, 0.01)
+    assert r.command_delay_s == (0.0, 0.04)
+    assert (r.torque_noise, r.torque_offset, r.torque_noise_scale) == (0.05, 0.05, (0.5, 1.5))
+    assert (r.push_speed_m_s, r.push_interval_s) == (0.1, (5.0, 10.0))
+    n = r.noise
+    assert (n.joint_pos_rad, n.joint_vel_rad_s, n.ang_vel_rad_s, n.gravity) == (0.01, 1.0, 0.3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("timestep_s: 0.001", "timestep: 0.001", "unknown entry, got timestep, expected some of timestep_s"),
+        ("timestep_s: 0.001", "", "missing entry timestep_s"),
+        ("timestep_s: 0.001", "timestep_s: fast", "timestep_s: wrong kind of value, got 'fast', expected float"),
+        ("timestep_s: 0.001", "timestep_s: -1", "timestep_s, got -1.0, expected seconds above 0"),
+        ("timestep_s: 0.001", "timestep_s: .nan", "timestep_s, got nan"),
+        ("report_only: false", "report_only: 1", "report_only: wrong kind of value, got 1, expected bool"),
+        ("friction: null", "friction: -0.2", "friction, got -0.2"),
+        ("gravity: 0.0}", "gravity: 0.0, gravitas: 1}", "noise: unknown entry, got gravitas"),
+        ("support: 0.6", "support: 1.6", "band: support, got 1.6"),
+        ("friction: [0.6, 1.1]", "friction: [1.1, 0.6]", "friction, got [1.1, 0.6], expected [low, high]"),
+        ("friction: [0.6, 1.1]", "friction: [1.1]", "friction: wrong length, got 1, expected 2"),
+        ("friction: [0.6, 1.1]", "friction: 1.1", "friction: wrong kind of value, got 1.1, expected a list"),
+        ("band:", "band: 3\nrope:", "unknown entry, got rope"),
+        ("timestep_s: 0.001", "timestep_s: [", "cannot be read"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name_of_file_and_entry(tmp_path: Path, old: str, new: str, text: str) -> None:
+    path = tmp_path / "mine.yaml"
+    assert old in DEFAULT
+    path.write_text(DEFAULT.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        load_sim_options(path)
+    assert text in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_good_file_of_ones_own(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(DEFAULT.replace("timestep_s: 0.001", "timestep_s: 2e-3", 1), encoding="utf-8")
+    assert load_sim_options(path).timestep_s == 0.002
+
+
+def test_unknown_names_list_what_there_is(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"unknown sim configuration, got moon, expected one of default, reference"):
+        load_sim_options("moon")
+    with pytest.raises(InputError, match=r"gone\.yaml: no such file"):
+        load_sim_options(tmp_path / "gone.yaml")
+    with pytest.raises(InputError, match=r"unknown backend, got teleport, expected one of mock, mujoco"):
+        open_backend("teleport", G1, SimulatedClock())
+
+
+def test_backends_by_name() -> None:
+    made = {name: open_backend(name, G1, SimulatedClock()) for name in BACKENDS}
+    assert isinstance(made["mock"], MockBackend)
+    assert isinstance(made["mujoco"], MujocoBackend)
+    assert made["mujoco"].options == load_sim_options()
+
+
+def test_mock_takes_no_simulation_model(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="simulation model"):
+        open_backend("mock", G1, SimulatedClock(), sim_model=tmp_path / "any.xml")
+
+
+def test_faults_can_be_written_in_the_mocks_file(tmp_path: Path) -> None:
+    path = tmp_path / "broken.yaml"
+    text = config_file("hal", "mock").read_text(encoding="utf-8")
+    path.write_text(
+        text.replace("faults: []", "faults:\n  - {kind: stale_joint, start_s: 3, joint: left_knee_joint}"),
+        encoding="utf-8",
+    )
+    fault = load_options(MockOptions, path).faults[0]
+    assert (fault.kind, fault.start_s, fault.duration_s, fault.joint) == (
+        "stale_joint",
+        3.0,
+        float("inf"),
+        "left_knee_joint",
+    )
+    path.write_text(text.replace("joint_lag_s: 0.02", "joint_lag_s: 0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"joint_lag_s, got 0\.0"):
+        load_options(MockOptions, path)
+
+
+def test_optional_nested_and_tuple_fields() -> None:
+    @dataclass(frozen=True)
+    class Inner:
+        a: float
+
+    @dataclass(frozen=True)
+    class Outer:
+        inner: Inner
+        name: str = "x"
+
+    assert from_mapping(Inner, {"a": 1}, "here") == Inner(1.0)
+    with pytest.raises(InputError, match="here: wrong kind of entry, got 3, expected a mapping"):
+        from_mapping(Inner, 3, "here")
