@@ -1,0 +1,1 @@
+"""Motion clips: format, import, authoring, metrics."""

@@ -1,0 +1,1 @@
+"""Clips written by hand: a choreography (YAML) of body targets becomes a clip by inverse kinematics."""

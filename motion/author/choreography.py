@@ -1,0 +1,195 @@
+"""The choreography file: key poses by body targets and timing, read into knots per channel."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from robot.errors import InputError
+
+FOOT = ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad")
+ARM = ("x_m", "y_m", "z_m", "swivel_rad")
+GROUPS: dict[str, tuple[str, ...]] = {
+    "pelvis": ("sink_m", "yaw_rad", "pitch_rad", "roll_rad"),
+    "torso": ("yaw_rad", "roll_rad", "pitch_rad"),
+    "balance": ("left", "forward_m"),
+    "left_foot": FOOT,
+    "right_foot": FOOT,
+    "left_arm": ARM,
+    "right_arm": ARM,
+}
+KEY_FIELDS = ("at_s", "pose", "hold", "stand", "arms", *GROUPS)
+FILE_FIELDS = ("fps", "keys")
+
+
+@dataclass(frozen=True)
+class Knot:
+    """One channel group at one time: `values` in the order of GROUPS; `arc_m` only for a foot that steps here."""
+
+    at_s: float
+    key: int
+    values: tuple[float, ...]
+    arc_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Choreography:
+    """fps, times of the keys and, per group, the knots of each of its channels (values None where not given)."""
+
+    path: Path
+    fps: float
+    key_times_s: tuple[float, ...]
+    key_poses: tuple[str, ...]
+    knots: dict[str, list[Knot]] = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the clip."""
+        return self.path.stem
+
+    def where(self, key: int) -> str:
+        """How errors name a key."""
+        pose = f", {self.key_poses[key]}" if self.key_poses[key] else ""
+        return f"{self.path}: keys[{key}] (at {self.key_times_s[key]:g} s{pose})"
+
+    def key_at(self, time_s: float) -> int:
+        """The key that the motion heads for at `time_s`."""
+        return next((i for i, t in enumerate(self.key_times_s) if t >= time_s - 1e-9), len(self.key_times_s) - 1)
+
+
+def load_choreography(path: Path, stand: Mapping[str, tuple[float, ...]]) -> Choreography:
+    """Choreography of the YAML file at `path`; `stand` gives every group's values in the stand pose.
+
+    Raises InputError naming file and key.
+    """
+    table = _read(path)
+    _check_fields(table, FILE_FIELDS, FILE_FIELDS, str(path))
+    fps = _number(table["fps"], f"{path}: fps")
+    if not 1.0 <= fps <= 1000.0:
+        raise InputError("out of range", where=f"{path}: fps", got=fps, expected="1 to 1000 frames per second")
+    keys = table["keys"]
+    if not isinstance(keys, list) or len(keys) < 2 or not all(isinstance(key, dict) for key in keys):
+        raise InputError("wrong value", where=f"{path}: keys", got=keys, expected="a list of two or more key poses")
+    for i, key in enumerate(keys):
+        _check_fields(key, KEY_FIELDS, ("at_s",), f"{path}: keys[{i}]")
+    times = _checked_times(keys, path, fps)
+    poses = tuple(str(key.get("pose", "")) for key in keys)
+    knots = {group: [Knot(0.0, 0, stand[group])] for group in GROUPS}
+    for i, key in enumerate(keys):
+        where = f"{path}: keys[{i}] (at {times[i]:g} s)"
+        for group, values, arc_m in _entries(key, knots, stand, where):
+            if times[i] > 0.0:
+                knots[group].append(Knot(times[i], i, values, arc_m))
+    _check_end(knots, stand, times[-1], path)
+    return Choreography(path, fps, times, poses, knots)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        table = OmegaConf.to_container(OmegaConf.load(path))
+    except FileNotFoundError as error:
+        raise InputError("no such file", where=path, hint="choreographies are in configs/motion") from error
+    except (OSError, UnicodeDecodeError, YAMLError, OmegaConfBaseException) as error:
+        raise InputError("cannot be read as YAML", where=path, got=" ".join(str(error).split())) from error
+    if not isinstance(table, dict):
+        raise InputError("wrong value", where=path, got=type(table).__name__, expected=", ".join(FILE_FIELDS))
+    return {str(name): value for name, value in table.items()}
+
+
+def _check_fields(table: Mapping[str, Any], known: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
+    unknown, missing = [n for n in table if n not in known], [n for n in needed if n not in table]
+    if unknown or missing:
+        got = "; ".join(f"{k} {', '.join(map(str, n))}" for k, n in (("unknown", unknown), ("missing", missing)) if n)
+        raise InputError("wrong fields", where=where, got=got, expected=", ".join(known))
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
+        raise InputError("wrong value", where=where, got=value, expected="a number")
+    return float(value)
+
+
+def _checked_times(keys: list[dict[str, Any]], path: Path, fps: float) -> tuple[float, ...]:
+    times = tuple(_number(key["at_s"], f"{path}: keys[{i}].at_s") for i, key in enumerate(keys))
+    if times[0] != 0.0:
+        raise InputError("wrong time", where=f"{path}: keys[0].at_s", got=times[0], expected="0")
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            where = f"{path}: keys[{i}].at_s"
+            raise InputError("times do not increase", where=where, got=times[i], expected=f"more than {times[i - 1]:g}")
+    if abs(times[-1] * fps - round(times[-1] * fps)) > 1e-6:
+        where, expected = f"{path}: keys[{len(times) - 1}].at_s", f"a whole number of frames at {fps:g} fps"
+        raise InputError("wrong time", where=where, got=times[-1], expected=expected)
+    return times
+
+
+def _entries(
+    key: Mapping[str, Any], knots: Mapping[str, list[Knot]], stand: Mapping[str, tuple[float, ...]], where: str
+) -> Iterator[tuple[str, tuple[float, ...], float]]:
+    """(group, values, arc) of every group that this key sets; a part not given keeps its last value."""
+    given: dict[str, Any] = {group: key[group] for group in GROUPS if group in key}
+    if "arms" in key:
+        given |= {"left_arm": key["arms"], "right_arm": _mirrored(key["arms"], f"{where}.arms")}
+    held, stood = _groups(key.get("hold", []), f"{where}.hold"), _groups(key.get("stand", []), f"{where}.stand")
+    if "arms" in key and ("left_arm" in key or "right_arm" in key):
+        raise InputError("set twice", where=where, got="arms beside left_arm or right_arm", expected="one of them")
+    for group in GROUPS:
+        last = knots[group][-1].values
+        if group in given:
+            yield group, *_values(group, given[group], last, f"{where}.{group}")
+        elif group in stood:
+            yield group, stand[group], 0.0
+        elif group in held:
+            yield group, last, 0.0
+
+
+def _groups(names: Any, where: str) -> tuple[str, ...]:
+    """Names of the groups that `hold` or `stand` lists; `all` and `arms` stand for several."""
+    names = [names] if isinstance(names, str) else names
+    several = {"all": tuple(GROUPS), "arms": ("left_arm", "right_arm"), "feet": ("left_foot", "right_foot")}
+    if not isinstance(names, list) or any(name not in GROUPS and name not in several for name in names):
+        raise InputError("unknown body", where=where, got=names, expected=", ".join((*several, *GROUPS)))
+    return tuple(group for name in names for group in several.get(name, (name,)))
+
+
+def _values(group: str, table: Any, last: tuple[float, ...], where: str) -> tuple[tuple[float, ...], float]:
+    """Values of `group` after `table`, and the step's arc."""
+    if not isinstance(table, dict):
+        raise InputError("wrong value", where=where, got=table, expected=f"a table of {', '.join(GROUPS[group])}")
+    table = dict(table)
+    if group.endswith("_arm") and "hand_m" in table:
+        hand = table.pop("hand_m")
+        if not isinstance(hand, list) or len(hand) != 3:
+            raise InputError("wrong value", where=f"{where}.hand_m", got=hand, expected="[x, y, z] in the torso frame")
+        table |= dict(zip(ARM, hand, strict=False))
+    arc_m = _number(table.pop("arc_m", 0.0), f"{where}.arc_m") if group.endswith("_foot") else 0.0
+    _check_fields(table, GROUPS[group], (), where)
+    numbers = {name: _number(value, f"{where}.{name}") for name, value in table.items()}
+    return tuple(numbers.get(name, old) for name, old in zip(GROUPS[group], last, strict=True)), arc_m
+
+
+def _mirrored(arm: Any, where: str) -> Any:
+    """The right arm of a left arm's entry."""
+    if not isinstance(arm, dict) or not isinstance(arm.get("hand_m", [0, 0, 0]), list):
+        raise InputError("wrong value", where=where, got=arm, expected="hand_m: [x, y, z] and swivel_rad")
+    flipped = dict(arm)
+    if len(arm.get("hand_m", [])) == 3:
+        x, y, z = arm["hand_m"]
+        flipped["hand_m"] = [x, -_number(y, f"{where}.hand_m"), z]
+    return flipped
+
+
+def _check_end(
+    knots: Mapping[str, list[Knot]], stand: Mapping[str, tuple[float, ...]], end_s: float, path: Path
+) -> None:
+    away = [g for g, k in knots.items() if k[-1].values != stand[g]]
+    if away:
+        expected = "the stand pose: the last key says `stand: all`"
+        raise InputError("does not end in the stand pose", where=path, got=", ".join(away), expected=expected)
+    for group, group_knots in knots.items():
+        if group_knots[-1].at_s < end_s:
+            group_knots.append(Knot(end_s, group_knots[-1].key, stand[group]))

@@ -1,0 +1,73 @@
+"""`motion/author/build`: rebuild the bundled clips from their choreographies."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from motion.author.choreography import GROUPS, load_choreography
+from motion.author.solver import solve_frames
+from motion.author.stand import SIDES, StandPose, stand_pose
+from motion.author.targets import body_targets, corrected
+from motion.clip import Clip, save_clip
+from robot.errors import InputError
+from robot.robot import Robot, load_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+CHOREOGRAPHIES = ROOT / "configs" / "motion"
+CLIPS = ROOT / "motion" / "clips"
+CORRECTIONS = 2
+
+
+def build_clip(path: Path, robot: Robot) -> Clip:
+    """Clip of the choreography file at `path`. Raises InputError naming file and key."""
+    stand = stand_pose(robot)
+    choreography = load_choreography(path, _stand_values(stand))
+    targets = body_targets(choreography, stand)
+    qpos, wanted_zmp_w = solve_frames(robot, stand, choreography, targets), targets.zmp_w
+    for _ in range(CORRECTIONS):
+        targets = corrected(targets, stand, qpos, wanted_zmp_w)
+        qpos = solve_frames(robot, stand, choreography, targets)
+    return Clip(
+        fps=choreography.fps,
+        joint_names=robot.joint_names,
+        root_pos_w=qpos[:, :3],
+        root_quat_wxyz=qpos[:, 3:7],
+        joint_pos_rad=qpos[:, 7:],
+        contact=targets.contact,
+        source="kata choreography",
+        license="Apache-2.0",
+        created_by="kata motion/author",
+    )
+
+
+def _stand_values(stand: StandPose) -> dict[str, tuple[float, ...]]:
+    """Values of every group in the stand pose."""
+    values = {group: (0.0,) * len(channels) for group, channels in GROUPS.items()}
+    values["balance"] = (0.5, 0.0)
+    for side in SIDES:
+        arm = stand.arms[side]
+        values[f"{side}_arm"] = (*(float(x) for x in arm.hand_m), arm.swivel_rad())
+    return values
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Build the named clips, or all; 0 done, 2 a wrong choreography or name."""
+    parser = argparse.ArgumentParser(prog="motion/author/build", description=__doc__)
+    names = sorted(path.stem for path in CHOREOGRAPHIES.glob("*.yaml"))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"clips to build: {', '.join(names)} (default: all)")
+    parser.add_argument("--out", type=Path, default=CLIPS, metavar="DIR", help="folder for the clips")
+    options = parser.parse_args(arguments)
+    try:
+        robot = load_robot()
+        for name in options.names or names:
+            clip = build_clip(CHOREOGRAPHIES / f"{name}.yaml", robot)
+            save_clip(clip, options.out / f"{name}.npz")
+            speed = np.abs(np.diff(clip.joint_pos_rad, axis=0)).max() * clip.fps
+            print(f"{name}: {clip.duration_s:g} s, fastest joint {speed:.1f} rad/s, sha256 {clip.sha256[:12]}")
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,51 @@
+"""Where the soles are, and when a foot stands: the contact rule of the paper (Eq. 2)."""
+
+import numpy as np
+
+from robot.robot import Robot
+from robot.rotations import quat_rotate
+
+CONTACT_RULE_FPS = 30.0
+MAX_SQUARED_STEP_M2 = 0.002  # per frame at CONTACT_RULE_FPS: 1.34 m/s (paper, Table 3)
+MAX_ANKLE_HEIGHT_M = 0.2
+
+
+def sole_points_w(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
+    """World positions (N,2,S,3) of the left and right sole's lowest points, of bodies (N,27,3) and (N,27,4)."""
+    feet = robot.tracked_index(robot.feet)
+    points = np.stack([robot.sole_points_m[foot] for foot in robot.feet])
+    quat = np.repeat(body_quat_wxyz[:, feet, None], points.shape[1], axis=2)
+    return body_pos_w[:, feet, None] + quat_rotate(quat, np.broadcast_to(points, (*quat.shape[:3], 3)))
+
+
+def lowest_sole_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
+    """Height (N,) in m of the lowest sole point in each of N frames."""
+    return sole_points_w(robot, body_pos_w, body_quat_wxyz)[..., 2].min(axis=(1, 2))
+
+
+def lift_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
+    """How far (N,) to raise each frame so that no sole point is below the ground; 0 where none is."""
+    return np.maximum(0.0, -lowest_sole_m(robot, body_pos_w, body_quat_wxyz))
+
+
+def contact_mask(foot_pos_w: np.ndarray, fps: float) -> np.ndarray:
+    """Eq. 2: 1 where a foot's squared way over the next 1/30 s is below 0.002 m² and its ankle below 0.2 m, else 0.
+
+    foot_pos_w (N,2,3) m at `fps` -> (N,2). The rule is evaluated over 1/30 s whatever the fps; the last frames, with
+    less than 1/30 s to come, take the last 1/30 s (a clip that is shorter scales its way up).
+    """
+    num_frames = len(foot_pos_w)
+    last = num_frames - 1.0
+    window = min(fps / CONTACT_RULE_FPS, last)
+    start = np.minimum(np.arange(num_frames, dtype=np.float64), last - window)
+    way = _between(foot_pos_w, start + window) - _between(foot_pos_w, start)
+    way = way * (fps / CONTACT_RULE_FPS / window)
+    slow = (way**2).sum(axis=-1) < MAX_SQUARED_STEP_M2
+    return (slow & (foot_pos_w[..., 2] < MAX_ANKLE_HEIGHT_M)).astype(np.float64)
+
+
+def _between(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """`values` (N, ...) at fractional `frames`, linear."""
+    first = np.minimum(frames.astype(np.int64), len(values) - 2)
+    part = (frames - first).reshape(-1, *[1] * (values.ndim - 1))
+    return values[first] + part * (values[first + 1] - values[first])

@@ -1,0 +1,50 @@
+"""A small valid clip to start from, and the robot."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from motion.clip import Clip
+from robot.robot import Robot, load_robot
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_robot()
+
+
+def clip_fields(num_frames: int = 5) -> dict:
+    """Fields of a valid clip of two joints."""
+    return {
+        "fps": 30.0,
+        "joint_names": ("hip", "knee"),
+        "root_pos_w": np.arange(3.0 * num_frames).reshape(num_frames, 3) / 10.0,
+        "root_quat_wxyz": np.tile([0.6, 0.0, 0.8, 0.0], (num_frames, 1)),
+        "joint_pos_rad": np.linspace(-1.0, 1.0, 2 * num_frames).reshape(num_frames, 2),
+        "contact": np.tile([1.0, 0.5], (num_frames, 1)),
+        "source": "here",
+        "license": "Apache-2.0",
+        "created_by": "test",
+    }
+
+
+@pytest.fixture
+def fields() -> dict:
+    return clip_fields()
+
+
+@pytest.fixture
+def standing_clip(robot: Robot) -> Callable[..., Clip]:
+    """Builds a clip of the robot in its default pose, with the given fields replaced."""
+
+    def build(num_frames: int = 31, fps: float = 30.0, **changes) -> Clip:
+        values = {
+            "root_pos_w": np.tile([0.0, 0.0, 0.8], (num_frames, 1)),
+            "root_quat_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (num_frames, 1)),
+            "joint_pos_rad": np.tile(robot.default_pos_rad, (num_frames, 1)),
+            "contact": np.ones((num_frames, 2)),
+        }
+        return Clip(fps=fps, joint_names=robot.joint_names, **(values | changes))
+
+    return build
