@@ -1,0 +1,1 @@
+"""What is true of a robot: model, joint table, kinematics."""

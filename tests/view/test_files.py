@@ -1,0 +1,94 @@
+"""Videos, filmstrips, and the live viewer's refusal without a display."""
+
+import av
+import matplotlib.image
+import mujoco
+import numpy as np
+import pytest
+
+from robot.errors import InputError
+from robot.mjcf import compile_model
+from tests.robot.toy import load_toy
+from view.filmstrip import filmstrip, write_png
+from view.video import VideoWriter
+from view.viewer import LiveViewer
+
+
+def _pictures(count, height=48, width=64):
+    return [np.full((height, width, 3), (20 * i, 100, 255 - 20 * i), dtype=np.uint8) for i in range(count)]
+
+
+def test_video_plays_what_was_written(tmp_path):
+    path = tmp_path / "clip.mp4"
+    with VideoWriter(path, 50, (64, 48)) as video:
+        for picture in _pictures(10):
+            video.add(picture)
+        assert not path.exists()
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert stream.average_rate == 50
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(frames) == 10
+    for frame, picture in zip(frames, _pictures(10)):
+        assert np.abs(frame.astype(int) - picture).mean() < 6
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_leaves_no_video(tmp_path):
+    with pytest.raises(RuntimeError, match="stop"), VideoWriter(tmp_path / "clip.mp4", 30, (64, 48)) as video:
+        video.add(_pictures(1)[0])
+        raise RuntimeError("stop")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("clip.mp4", 30, (63, 48)), "picture size, got 63 x 48, expected two even numbers"),
+        (("clip.mp4", 0, (64, 48)), "fps, got 0"),
+        (("clip.avi", 30, (64, 48)), "unknown kind of file, got .avi, expected .mp4"),
+        (("nowhere/clip.mp4", 30, (64, 48)), "no such folder"),
+    ],
+)
+def test_impossible_videos_are_refused_before_any_work(tmp_path, arguments, message):
+    name, fps, size = arguments
+    with pytest.raises(InputError, match=message):
+        VideoWriter(tmp_path / name, fps, size)
+
+
+def test_a_picture_of_another_size_is_refused(tmp_path):
+    with (
+        pytest.raises(InputError, match=r"picture, got \(48, 60, 3\) uint8, expected \(48, 64, 3\) uint8"),
+        VideoWriter(tmp_path / "clip.mp4", 30, (64, 48)) as video,
+    ):
+        video.add(_pictures(1, width=60)[0])
+
+
+def test_filmstrip_places_pictures_row_by_row(tmp_path):
+    pictures = _pictures(5, 10, 20)
+    strip = filmstrip(pictures, columns=3, gap_px=2)
+    assert strip.shape == (22, 64, 3)
+    assert (strip[:10, 22:42] == pictures[1]).all() and (strip[12:, :20] == pictures[3]).all()
+    assert (strip[12:, 44:] == 255).all()
+    write_png(tmp_path / "strip.png", strip)
+    read = matplotlib.image.imread(tmp_path / "strip.png")
+    assert np.array_equal(np.round(read * 255).astype(np.uint8), strip)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_unusable_strips_are_refused(tmp_path):
+    with pytest.raises(InputError, match="got no pictures"):
+        filmstrip([])
+    with pytest.raises(InputError, match="expected one size"):
+        filmstrip([*_pictures(1), *_pictures(1, 50)])
+    with pytest.raises(InputError, match="no such folder"):
+        write_png(tmp_path / "nowhere" / "a.png", _pictures(1)[0])
+
+
+def test_live_viewer_without_a_display_says_so(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    model = compile_model(load_toy(), timestep_s=0.005)
+    with pytest.raises(InputError, match=r"no display for a live window; .*--video"):
+        LiveViewer(model, mujoco.MjData(model))

@@ -1,0 +1,152 @@
+"""Pictures: the software renderer against OpenGL's, the ghost, and how a backend is chosen."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from robot.errors import InputError
+from robot.mjcf import compile_model
+from robot.robot import load_robot
+from tests.robot.toy import load_toy
+from view import renderer as choice
+from view.camera import Camera
+from view.renderer import open_renderer
+
+WIDTH, HEIGHT = 320, 240
+
+
+@pytest.fixture(scope="module")
+def g1():
+    robot = load_robot()
+    model = compile_model(robot, timestep_s=0.005)
+    data = mujoco.MjData(model)
+    data.qpos[:3], data.qpos[7:] = [3.0, -2.0, 0.778], robot.default_pos_rad
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.fixture(autouse=True)
+def fresh_choice(monkeypatch):
+    monkeypatch.delenv("KATA_RENDERER", raising=False)
+    choice._say_what_to_install.cache_clear()
+
+
+def _picture(model, data, backend, monkeypatch, **options):
+    monkeypatch.setenv("KATA_RENDERER", backend)
+    with open_renderer(model, WIDTH, HEIGHT) as renderer:
+        assert renderer.backend == backend
+        return renderer.render(data, **options)
+
+
+def _without_robot(model, data):
+    """The same place with the robot's shapes lifted out of sight."""
+    empty = mujoco.MjData(model)
+    empty.qpos[:] = data.qpos
+    mujoco.mj_forward(model, empty)
+    moving = model.geom_bodyid > 0
+    empty.geom_xpos[moving, 2] += 100.0
+    return empty
+
+
+def _silhouette(model, data, backend, monkeypatch):
+    """Pixels that the robot changes, its shadow apart: what differs in more than brightness."""
+    with_robot = _picture(model, data, backend, monkeypatch).astype(int)
+    without = _picture(model, _without_robot(model, data), backend, monkeypatch).astype(int)
+    return np.abs(with_robot - without).max(-1) > 6
+
+
+def test_software_draws_the_robot_where_opengl_does(g1, monkeypatch):
+    if not choice._works("egl"):
+        pytest.skip("no EGL on this machine")
+    model, data = g1
+    shape, expected = (_silhouette(model, data, backend, monkeypatch) for backend in ("software", "egl"))
+    upper = slice(0, HEIGHT // 2)  # above the shadow on the floor
+    shape, expected = shape[upper], expected[upper]
+    assert expected.sum() > 800
+    assert (shape & expected).sum() / (shape | expected).sum() > 0.9
+
+
+@pytest.mark.parametrize("backend", ["software", "egl"])
+def test_ghost_shows_beside_and_through_nothing(g1, backend, monkeypatch):
+    if backend == "egl" and not choice._works("egl"):
+        pytest.skip("no EGL on this machine")
+    model, data = g1
+    ghost = data.qpos.copy()
+    ghost[1] += 0.6
+    plain = _picture(model, data, backend, monkeypatch).astype(int)
+    haunted = _picture(model, data, backend, monkeypatch, ghost_qpos=ghost).astype(int)
+    changed = np.abs(plain - haunted).max(-1) > 8
+    assert 0.01 < changed.mean() < 0.2
+    blue = haunted[changed][:, 2] - haunted[changed][:, 0]
+    assert np.median(blue) > 15
+    assert plain.dtype == haunted.dtype and plain.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_camera_is_mujocos_and_follows(g1):
+    model, data = g1
+    camera = Camera(azimuth_deg=120, elevation_deg=-25, distance_m=3.1, offset_m=(0.2, 0.1))
+    scene = mujoco.MjvScene(model, maxgeom=500)
+    option, everything = mujoco.MjvOption(), mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, option, mujoco.MjvPerturb(), camera.to_mujoco(data), everything, scene)
+    left, right = scene.camera
+    position, rotation = camera.pose(data)
+    assert np.allclose((left.pos + right.pos) / 2, position, atol=1e-5)
+    assert np.allclose(-rotation[:, 2], left.forward, atol=1e-5) and np.allclose(rotation[:, 1], left.up, atol=1e-5)
+    assert np.allclose(camera.lookat_m(data)[:2], [3.2, -1.9])
+    assert np.allclose(Camera(track=False).lookat_m(data)[:2], 0.0)
+
+
+def test_a_robot_out_of_sight_or_behind_leaves_an_empty_scene(g1, monkeypatch):
+    model, data = g1
+    elsewhere = Camera(track=False, offset_m=(200.0, 0.0))
+    picture = _picture(model, data, "software", monkeypatch, camera=elsewhere)
+    assert picture.min() > 100  # floor and sky are pale, the robot is partly black
+
+
+def test_any_model_can_be_drawn(monkeypatch):
+    model = compile_model(load_toy(), timestep_s=0.005)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    picture = _picture(model, data, "software", monkeypatch, camera=Camera(distance_m=2.0, height_m=0.4))
+    orange = (picture[..., 0].astype(int) - picture[..., 2]) > 60
+    assert orange.sum() > 500
+
+
+def test_a_bare_model_can_be_drawn(monkeypatch):
+    """Without shapes to see there are still floor and sky."""
+    model = compile_model(load_robot(), timestep_s=0.005, strip_visuals=True)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert _picture(model, data, "software", monkeypatch).std() > 5
+
+
+def test_without_opengl_software_draws_and_says_once_what_to_install(g1, monkeypatch, capsys):
+    monkeypatch.setattr(choice, "_works", lambda backend: False)
+    model, _ = g1
+    for _ in range(2):
+        with open_renderer(model, 64, 48) as renderer:
+            assert renderer.backend == "software"
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "libegl1" in said and "libosmesa6" in said
+
+
+def test_mujoco_gl_chooses_what_is_tried_first(monkeypatch):
+    tried = []
+    monkeypatch.setattr(choice, "_works", lambda backend: tried.append(backend) or backend == "egl")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert choice.choose_backend() == "egl" and tried == ["osmesa", "egl"]
+
+
+def test_a_forced_backend_is_not_replaced(g1, monkeypatch):
+    monkeypatch.setattr(choice, "_works", lambda backend: False)
+    monkeypatch.setenv("KATA_RENDERER", "egl")
+    with pytest.raises(InputError, match="renderer does not work here, got egl"):
+        open_renderer(g1[0], 64, 48)
+    monkeypatch.setenv("KATA_RENDERER", "vulkan")
+    with pytest.raises(InputError, match="unknown renderer, got vulkan, expected egl, osmesa, software"):
+        open_renderer(g1[0], 64, 48)
+
+
+def test_a_picture_needs_pixels(g1):
+    with pytest.raises(InputError, match="picture size, got 0 x 48"):
+        open_renderer(g1[0], 0, 48)

@@ -1,0 +1,1 @@
+"""Pictures: renderers, video, viewer."""

@@ -1,0 +1,49 @@
+"""Several pictures of a motion in one PNG."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robot.errors import InputError
+from view.output import check_output_path, written_whole
+
+
+def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px: int = 2) -> np.ndarray:
+    """Pictures (H, W, 3) uint8 of one size side by side, in rows of ``columns`` (default: one row)."""
+    if not pictures:
+        raise InputError("filmstrip", got="no pictures", expected="one or more")
+    shapes = {picture.shape for picture in pictures}
+    if len(shapes) != 1:
+        raise InputError("filmstrip", got=f"pictures of sizes {sorted(shapes)}", expected="one size")
+    per_row = min(columns or len(pictures), len(pictures))
+    rows = -(-len(pictures) // per_row)
+    height, width, _ = pictures[0].shape
+    strip = np.full((rows * (height + gap_px) - gap_px, per_row * (width + gap_px) - gap_px, 3), 255, dtype=np.uint8)
+    for i, picture in enumerate(pictures):
+        top, left = (i // per_row) * (height + gap_px), (i % per_row) * (width + gap_px)
+        strip[top : top + height, left : left + width] = picture
+    return strip
+
+
+def write_png(path: Path | str, picture: np.ndarray) -> None:
+    """Write (H, W, 3) uint8. Raises InputError on a missing folder or a name that does not end in .png."""
+    path = Path(path)
+    check_output_path(path, (".png",))
+    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
+        raise InputError("picture", where=path, got=f"{picture.shape} {picture.dtype}", expected="(H, W, 3) uint8")
+    height, width, _ = picture.shape
+    lines = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each line begins with filter 0: bytes as they are
+    lines[:, 1:] = picture.reshape(height, -1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b""))
+    with written_whole(path) as partial:
+        partial.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks))
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
