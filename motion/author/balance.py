@@ -32,7 +32,7 @@ def pressure_point(model: mujoco.MjModel, qpos: np.ndarray, dt_s: float) -> np.n
     """Point on the ground (N,2) where the ground's whole force acts so that the motion qpos (N,nq) is followed.
 
     Inverse dynamics with central differences: the wrench missing at the free root, moved to where it has no horizontal
-    moment. At the two frames next to each end the motion counts as resting.
+    moment. At the two frames next to each end the motion counts as unaccelerated.
     """
     count = len(qpos)
     data, velocity, acceleration = mujoco.MjData(model), np.zeros((count, model.nv)), np.zeros((count, model.nv))

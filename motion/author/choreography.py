@@ -1,4 +1,19 @@
-"""The choreography file: key poses by body targets and timing, read into knots per channel."""
+"""The choreography file: key poses by body targets and timing, read into knots per group of channels.
+
+`fps`, then `keys`, each `at_s` with a free text `pose` and any of these groups; a part not given keeps its last value:
+
+- `pelvis`: sink_m below the stand pose; yaw_rad, pitch_rad, roll_rad in the world.
+- `torso`: yaw_rad, roll_rad, pitch_rad against the pelvis.
+- `balance`: left = share of the weight on the left foot (where the pressure point lies between the soles);
+  forward_m along the pelvis' heading.
+- `left_foot`, `right_foot`: x_m, y_m, z_m, yaw_rad, pitch_rad, roll_rad against the foot's place in the stand pose.
+  A foot with z_m 0 at two keys in a row stays, or steps with `arc_m`, the height of the step.
+- `left_arm`, `right_arm`: hand_m [x, y, z] in the torso frame; swivel_rad turns the elbow outwards from down and back.
+  `arms` sets the left one and mirrors it.
+- `hold`: groups that rest where they are; `stand`: groups that go back to the stand pose; also all, arms, feet.
+
+A group moves smoothly through the keys that name it and rests where two of them in a row are equal.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

@@ -61,6 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=CLIPS, metavar="DIR", help="folder for the clips")
     options = parser.parse_args(arguments)
     try:
+        if not options.out.is_dir():
+            raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
         robot = load_robot()
         for name in options.names or names:
             clip = build_clip(CHOREOGRAPHIES / f"{name}.yaml", robot)

@@ -1,0 +1,53 @@
+# kata is used from this clone: `make install` puts everything into .venv, `make demo` needs nothing before it.
+PYTHON ?= python3
+VENV := $(CURDIR)/.venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+RUN := PATH="$(BIN):$$PATH"
+CODE := robot view motion policy hal deploy sim2sim train benchmarks
+.DEFAULT_GOAL := help
+.PHONY: help install demo test lint bench train
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+install: $(VENV)/.installed-all  ## .venv with everything needed on this machine (not the extras gpu and cluster)
+
+demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: demo/taichi.mp4 and its metrics
+	@mkdir -p demo
+	$(RUN) deploy/run --backend mujoco --policy taichi --fast --video demo/taichi.mp4 --json demo/taichi.json
+	@$(BIN)/python -P -m sim2sim.table demo/taichi.json
+	@echo "video: demo/taichi.mp4"
+
+test: install lint  ## linters, types, import rules, tests
+	$(RUN) pytest
+
+lint: install  ## ruff, mypy, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy $(CODE)
+	$(BIN)/lint-imports
+
+bench: install  ## timings of the control loop and of training on this machine
+	$(RUN) benchmarks/control_loop.py
+	$(RUN) benchmarks/train_throughput.py
+
+train: install  ## train the bundled taichi clip (hours; see README)
+	$(RUN) train/run.py motion=taichi
+
+# A stamp is younger than pyproject.toml once its extras are installed, so a second call does nothing.
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "kata needs Python 3.11 or newer: try make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || \
+	  { rm -rf $(VENV); echo "no virtual environment: on Debian or Ubuntu, apt-get install python3-venv" >&2; exit 2; }
+
+$(VENV)/.installed-view: pyproject.toml | $(VENV)/bin/python
+	$(PIP) install -e '.[view]'
+	@touch $@
+
+# torch comes first and pinned: resolving it together with the rest may pick another build of it.
+$(VENV)/.installed-all: pyproject.toml | $(VENV)/bin/python
+	$(PIP) install torch==2.13.0
+	$(PIP) install -e '.[train,dds,motion,view,dev]'
+	@touch $@ $(VENV)/.installed-view

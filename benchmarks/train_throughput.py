@@ -1,0 +1,280 @@
+#!/usr/bin/env -S python3 -P
+"""How fast training is on this machine, next to the physics that it cannot do without.
+
+Three speeds, in environment steps (control periods of one robot) per second, measured in turns so that whatever else
+the machine does weighs on all alike, of which the medians count:
+
+- physics: MuJoCo's threaded rollout alone, on the models, states and inputs that the stepping met;
+- stepping: the environment with random small actions around the base action;
+- loop: what train/run.py does in an iteration: collect and learn.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+# As in train/run.py: before torch is loaded.
+os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+
+try:
+    import numpy as np
+    import torch
+    from mujoco.rollout import Rollout
+
+    from deploy.outputs import check_output_file, write_json
+    from motion.reference import build_reference
+    from robot.errors import InputError
+    from robot.kinematics import Kinematics
+    from train.base_action.module import build_base_action
+    from train.config import compose_document
+    from train.environment.factory import build_environment
+    from train.environment.observations import Observations
+    from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+    from train.learner.build import build_learner
+    from train.learner.ppo import Ppo
+    from train.nan_guard import NanGuard
+    from train.progress import Progress
+    from train.runner import Budget, Runner
+    from train.session import Setup, new_setup
+except ModuleNotFoundError as error:
+    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
+    print(f"{hint} (no module {error.name})", file=sys.stderr)
+    sys.exit(2)
+
+ACTION_NOISE = 0.1  # standard deviation of the random actions, raw
+
+PHASES: dict[str, tuple[tuple[type, str], ...]] = {
+    "physics": ((Rollout, "rollout"),),
+    "kinematics": ((Kinematics, "forward"),),
+    "rewards": ((TrackingEnv, "_rewards"),),
+    "observations": (
+        (TrackingEnv, "_observe"),
+        (TrackingEnv, "_critic"),
+        (Observations, "sample"),
+        (Observations, "push"),
+        (Observations, "restart"),
+    ),
+    "rest of stepping": ((TrackingEnv, "step"),),
+    "learner: act": ((Ppo, "act"), (Ppo, "record")),
+    "learner: update": ((Ppo, "update"),),
+    "NaN guard": ((NanGuard, "begin"), (NanGuard, "step")),
+}
+
+
+@contextmanager
+def replaced(owner: type, name: str, make: Callable[[Callable], Callable]) -> Iterator[None]:
+    """Let ``make(method)`` stand in for a method for a while."""
+    original = getattr(owner, name)
+    setattr(owner, name, make(original))
+    try:
+        yield
+    finally:
+        setattr(owner, name, original)
+
+
+class Stopwatch:
+    """Time in each phase of the training loop, without the phases inside it."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.running = False
+        self._inner_s: list[float] = []
+
+    @contextmanager
+    def on_phases(self) -> Iterator[None]:
+        """Time the phases' methods, while :attr:`running`."""
+        with ExitStack() as stack:
+            for phase, methods in PHASES.items():
+                for owner, name in methods:
+                    stack.enter_context(replaced(owner, name, partial(self._timed, phase)))
+            yield
+
+    def _timed(self, phase: str, method: Callable) -> Callable:
+        def call(*arguments: Any, **named: Any) -> Any:
+            if not self.running:
+                return method(*arguments, **named)
+            self._inner_s.append(0.0)
+            start_s = time.perf_counter()
+            try:
+                return method(*arguments, **named)
+            finally:
+                taken_s = time.perf_counter() - start_s
+                self.seconds[phase] += taken_s - self._inner_s.pop()
+                if self._inner_s:
+                    self._inner_s[-1] += taken_s
+
+        return call
+
+
+class Stepping:
+    """The environment without a learner, and the physics inside it alone, on equal inputs."""
+
+    def __init__(self, env: TrackingEnv, base: torch.nn.Module | None, seed: int) -> None:
+        self._env, self._base = env, base
+        self._generator = torch.Generator().manual_seed(seed)
+        self._observations: Mapping[str, torch.Tensor] = env.reset()
+        self._calls: list[tuple[Callable, list[Any], dict[str, Any]]] = []
+        self._recording_s = 0.0
+
+    def step(self, steps: int) -> float:
+        """Step the environment; return the seconds of its steps."""
+        self._calls, self._recording_s, total_s = [], 0.0, 0.0
+        with replaced(Rollout, "rollout", self._recorded), torch.no_grad():
+            for _ in range(steps):
+                action = self._action()
+                start_s = time.perf_counter()
+                self._observations = self._env.step(action).observations
+                total_s += time.perf_counter() - start_s
+        return total_s - self._recording_s
+
+    def repeat_physics(self) -> float:
+        """Repeat the last steps' calls of the physics; return their seconds."""
+        _, _, first = self._calls[0]
+        outputs = {name: np.empty_like(first[name]) for name in ("state", "sensordata")}
+        start_s = time.perf_counter()
+        for rollout, arguments, named in self._calls:
+            rollout(*arguments, **(named | outputs))
+        return time.perf_counter() - start_s
+
+    def _action(self) -> torch.Tensor:
+        shape = (self._env.num_envs, self._env.num_actions)
+        noise = ACTION_NOISE * torch.randn(shape, generator=self._generator)
+        return noise if self._base is None else self._base(self._observations["actor"]) + noise
+
+    def _recorded(self, rollout: Callable) -> Callable:
+        def call(*arguments: Any, **named: Any) -> Any:
+            start_s = time.perf_counter()
+            kept = [part.copy() if isinstance(part, np.ndarray) else part for part in arguments]
+            self._calls.append((rollout, kept, named))
+            self._recording_s += time.perf_counter() - start_s
+            return rollout(*arguments, **named)
+
+        return call
+
+
+class Turns:
+    """Between two iterations of the loop it steps and repeats the physics; it ends the loop when the time is up.
+
+    The first turn, with the iteration after it, warms up and does not count.
+    """
+
+    def __init__(self, stepping: Stepping, watch: Stopwatch, steps: int, seconds: float) -> None:
+        self._stepping, self._watch, self._steps, self._seconds = stepping, watch, steps, seconds
+        self._start_s = 0.0
+        self.counted = -1
+        self.stepping_s: list[float] = []
+        self.physics_s: list[float] = []
+
+    def is_over(self) -> bool:
+        """Asked before every iteration."""
+        if self.counted == 0:
+            self._start_s = time.perf_counter()
+        elif self.counted > 0 and time.perf_counter() - self._start_s >= self._seconds:
+            return True
+        self._watch.running = False
+        stepping_s, physics_s = self._stepping.step(self._steps), self._stepping.repeat_physics()
+        if self.counted >= 0:
+            self.stepping_s.append(stepping_s)
+            self.physics_s.append(physics_s)
+            self._watch.running = True
+        self.counted += 1
+        return False
+
+
+def measure(setup: Setup, seconds: float) -> dict[str, Any]:
+    """Run stepping, physics and loop in turns for about ``seconds``; return the figures."""
+    config = setup.config
+    torch.set_num_threads(config.threads)
+    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
+    base = build_base_action(config.base_action, setup.robot, reference, ACTION_SCALE)
+
+    def build(seed: int) -> TrackingEnv:
+        return build_environment(
+            config.environment, setup.robot, reference, num_envs=config.num_envs, seed=seed, threads=config.threads
+        )
+
+    env, watch = build(config.seed), Stopwatch()
+    turns = Turns(Stepping(build(config.seed), base, config.seed), watch, config.learner.horizon, seconds)
+    setup.run_dir.mkdir(exist_ok=True)
+    with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
+        progress = Progress(setup.run_dir, console=nowhere)
+        budget = Budget(iterations=None, minutes=None, checkpoint_every=sys.maxsize, evaluate_every=None)
+        learner = build_learner(config, env, base)
+        runner = Runner(env, learner, budget, setup.run_dir, {}, progress, should_stop=turns.is_over)
+        runner.run()
+        progress.close()
+    per_turn = config.num_envs * config.learner.horizon
+    loop_s = [per_turn / row["time/steps_per_s"] for row in progress.rows[1:]]
+    taken_s = {"physics": turns.physics_s, "stepping": turns.stepping_s, "loop": loop_s}
+    speeds = {name: per_turn / median(seconds) for name, seconds in taken_s.items()}
+    shares = {phase: watch.seconds[phase] / sum(loop_s) for phase in PHASES}
+    return {
+        **{f"{name}_env_steps_per_s": round(speed, 1) for name, speed in speeds.items()},
+        "stepping_over_physics": speeds["stepping"] / speeds["physics"],
+        "loop_over_physics": speeds["loop"] / speeds["physics"],
+        "loop_shares": shares | {"rest": 1.0 - sum(shares.values())},
+        "motion": setup.motion_name,
+        "num_envs": config.num_envs,
+        "horizon": config.learner.horizon,
+        "turns": turns.counted,
+        "precision": config.precision,
+        "threads": config.threads,
+    }
+
+
+def print_tables(figures: dict[str, Any]) -> None:
+    """The figures for people."""
+    told = ("motion", "num_envs", "horizon", "precision", "threads", "turns")
+    print(", ".join(f"{name} {figures[name]}" for name in told), end="\n\n")
+    print(f"{'':18}{'env steps/s':>12}{'of physics':>12}")
+    for name in ("physics", "stepping", "loop"):
+        ratio = figures.get(f"{name}_over_physics", 1.0)
+        print(f"{name:18}{figures[f'{name}_env_steps_per_s']:12.0f}{ratio:12.2f}")
+    print(f"\n{'phase of the loop':18}{'share':>12}")
+    for phase, share in figures["loop_shares"].items():
+        print(f"{phase:18}{share:12.1%}")
+
+
+def main(arguments: list[str]) -> int:
+    """Measure; print tables and, on request, write them as JSON. Returns the exit code."""
+    description, _, definitions = __doc__.partition("\n\n")
+    parser = argparse.ArgumentParser(
+        description=description, epilog=definitions, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--motion", default="taichi", metavar="NAME|FILE")
+    parser.add_argument("--num-envs", type=int, metavar="N", help="instead of the preset's")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="after building and warming up")
+    parser.add_argument("--json", type=Path, metavar="F")
+    options = parser.parse_args(arguments)
+    try:
+        if not 0.0 < options.seconds < float("inf"):
+            raise InputError("not a duration", where="--seconds", got=options.seconds, expected="a number above 0")
+        check_output_file("--json", options.json)
+        wanted = [f"motion={options.motion}"]
+        wanted += [f"num_envs={options.num_envs}"] if options.num_envs is not None else []
+        with tempfile.TemporaryDirectory() as folder:
+            setup = new_setup(compose_document([*wanted, f"run_dir={folder}/run"]))
+            figures = measure(setup, options.seconds)
+        print_tables(figures)
+        if options.json:
+            write_json(options.json, figures)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped before the end: no figures", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

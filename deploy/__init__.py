@@ -1,0 +1,1 @@
+"""The control loop, its states and its safety rules."""

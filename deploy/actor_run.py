@@ -1,0 +1,79 @@
+"""One actor as the state machine sees it: its clock, its gains, and when it may take over."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from deploy.safety.rules import tilt_rad
+from deploy.settings import EntrySettings
+from hal.types import RobotState
+from motion.reference import Reference
+from policy.actor import Actor
+from policy.controller import PolicyController, PolicyOutput
+from robot.errors import InputError
+from robot.robot import Robot
+
+
+class ActorRun:
+    """An actor with its own history, raw last action and tick count, all forgotten when it starts.
+
+    num_ticks: control ticks of its clip, floor(duration/dt). start_pose_rad: (J,) in the robot's joint order.
+    reference: what its clip asks for at every tick; for metrics, logs and pictures only.
+    Raises InputError when the actor carries no motion.
+    """
+
+    def __init__(self, actor: Actor, robot: Robot, entry: EntrySettings, reference: Reference | None = None) -> None:
+        spec = actor.spec
+        if spec.motion is None:
+            raise InputError("the actor has no reference motion", where=actor.path, hint="give --motion")
+        self.actor = actor
+        self.reference = reference
+        self.name = spec.motion.name
+        self.period_s = spec.control_period_s
+        self.duration_s = spec.motion.duration_s
+        self.num_ticks = math.floor(self.duration_s / self.period_s + 1e-9)
+        order = [spec.joint_names.index(name) for name in robot.joint_names]
+        self.start_pose_rad = np.asarray(spec.motion.start_joint_pos_rad, dtype=np.float64)[order]
+        self.tick = 0
+        self._controller = PolicyController(actor, robot)
+        self._entry = entry
+        self._joint_names = robot.joint_names
+
+    @property
+    def finished(self) -> bool:
+        """Whether the clip has been played to its end."""
+        return self.tick >= self.num_ticks
+
+    def start(self) -> None:
+        """Tick 0 of the clip, with an empty memory."""
+        self._controller.reset()
+        self.tick = 0
+
+    def act(self, state: RobotState, lap: Callable[[str], None] | None = None) -> PolicyOutput:
+        """One control tick at phase min(1, k dt / duration)."""
+        phase = min(1.0, self.tick * self.period_s / self.duration_s)
+        self.tick += 1
+        return self._controller.act(
+            state.imu_quat_wxyz, state.imu_ang_vel_b, state.joint_pos_rad, state.joint_vel_rad_s, phase, lap
+        )
+
+    def obstacle(self, state: RobotState) -> str | None:
+        """Why this actor may not take over from this state, or None where it may."""
+        entry = self._entry
+        distance = np.abs(state.joint_pos_rad - self.start_pose_rad)
+        joint = int(np.argmax(distance))
+        if not distance[joint] <= entry.joint_rad:
+            name = self._joint_names[joint]
+            return f"{name} is {distance[joint]:.2f} rad from the start pose of {self.name}, limit {entry.joint_rad}"
+        return unsteady(state, entry)
+
+
+def unsteady(state: RobotState, entry: EntrySettings) -> str | None:
+    """Why the base does not rest upright enough to hand over, or None."""
+    tilt, spin = tilt_rad(state.imu_quat_wxyz), math.dist(state.imu_ang_vel_b.tolist(), (0.0, 0.0, 0.0))
+    if not tilt < entry.tilt_rad:
+        return f"tilt {tilt:.2f} rad, limit {entry.tilt_rad}"
+    if not spin < entry.ang_vel_rad_s:
+        return f"the base turns at {spin:.2f} rad/s, limit {entry.ang_vel_rad_s}"
+    return None

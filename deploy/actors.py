@@ -1,0 +1,52 @@
+"""Actors by name or file, made ready to run on a robot, each with the motion that it tracks."""
+
+from pathlib import Path
+
+from deploy.actor_run import ActorRun
+from deploy.settings import EntrySettings
+from motion.clip import Clip, clip_from_bytes
+from motion.library import open_motion
+from motion.reference import build_reference, joint_columns
+from policy.actor import load_actor
+from policy.spec import MotionInfo
+from robot.errors import InputError
+from robot.robot import Robot
+
+
+def motion_info(clip: Clip, name: str, robot: Robot) -> MotionInfo:
+    """What an actor's spec says about a clip; the pose in the robot's joint order."""
+    return MotionInfo(
+        name=name,
+        fps=clip.fps,
+        num_frames=clip.num_frames,
+        duration_s=clip.duration_s,
+        sha256=clip.sha256,
+        root_height_m=float(clip.root_pos_w[0, 2]),
+        start_joint_pos_rad=clip.joint_pos_rad[0, joint_columns(clip, robot)],
+    )
+
+
+def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
+    """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit."""
+    clip = None if motion is None else open_motion(motion, robot)
+    info = None if clip is None else motion_info(clip, Path(str(motion)).stem, robot)
+    actor = load_actor(policy, robot, info)
+    if clip is None and actor.motion_npz is not None:
+        clip = clip_from_bytes(actor.motion_npz, f"{actor.path}: motion")
+        wanted = None if actor.spec.motion is None else actor.spec.motion.sha256
+        if clip.sha256 != wanted:
+            raise InputError(
+                "the motion inside is not the one it names", where=actor.path, got=clip.sha256, expected=wanted
+            )
+    if clip is None:
+        raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
+    return ActorRun(actor, robot, entry, build_reference(clip, robot, actor.spec.control_period_s))
+
+
+def check_same_period(runs: list[ActorRun]) -> float:
+    """The control period of all actors, in s. Raises InputError where they differ."""
+    periods = {run.period_s for run in runs}
+    if len(periods) > 1:
+        got = ", ".join(f"{run.name} {run.period_s:g} s" for run in runs)
+        raise InputError("actors of different control periods cannot share a loop", got=got)
+    return periods.pop()

@@ -1,0 +1,127 @@
+"""The command `deploy/run`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from deploy.episode import Start
+from deploy.operator import KEY_TABLE, StopSignals
+from deploy.options import RunOptions
+from deploy.outputs import write_json
+from deploy.session import RunReport, run_session, summary
+from hal.open import BACKENDS
+from hal.types import DeviceError
+from robot.errors import InputError
+
+DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run, print what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    try:
+        options = parse(arguments)
+        with StopSignals() as signals:
+            report = run_session(options, signals)
+            if options.json is not None:
+                write_json(options.json, report.content)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except DeviceError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return DEVICE
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
+    print("\n".join(summary(report)), flush=True)
+    return exit_code(report)
+
+
+def exit_code(report: RunReport) -> int:
+    """An operator's stop is an orderly end."""
+    if report.outcome == "tripped":
+        return TRIPPED
+    return FAILED if report.gave_up else DONE
+
+
+def parse(arguments: Sequence[str] | None = None) -> RunOptions:
+    """Options from the command line. Ends the process with code 2 on bad usage."""
+    given = _parser().parse_args(arguments)
+    return RunOptions(
+        backend=given.backend,
+        policies=tuple(given.policy),
+        motion=given.motion,
+        stand=given.stand,
+        robot=given.robot,
+        settings=given.config,
+        interactive=given.interactive,
+        sim=given.sim,
+        sim_model=given.sim_model,
+        start=Start(given.start),
+        start_noise_rad=given.start_noise,
+        duration_s=given.duration,
+        realtime=given.realtime,
+        video=given.video,
+        viewer=given.viewer,
+        log=given.log,
+        dry_run=given.dry_run,
+        json=given.json,
+        seed=given.seed,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="deploy/run",
+        description="Run an actor on a robot or its simulation: stand up, play the motion once, stand, damp.",
+        epilog=f"Keys with --interactive: {KEY_TABLE}. Exit codes: 0 done or stopped, 1 gave up, 2 bad input, "
+        "3 safety trip, 4 device.",
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("--backend", required=True, choices=BACKENDS)
+    add("--policy", required=True, action="append", metavar="NAME|FILE", help="repeat it to switch with --interactive")
+    add("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
+    add("--stand", default="stand", metavar="NAME|FILE", help="the actor that balances before and after")
+    add("--robot", default="g1_23dof", metavar="NAME|FILE")
+    add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")
+    add("--interactive", action="store_true", help="wait for keys")
+    add("--sim", default="default", metavar="default|reference|FILE")
+    add("--sim-model", type=Path, metavar="FILE", help="simulate this MJCF instead of the robot's own")
+    add("--start", default="stand", choices=[start.value for start in Start])
+    add("--start-noise", type=_not_negative, default=0.0, metavar="RAD", help="std added to each joint at the start")
+    add("--duration", type=_positive, metavar="S", help="damp and end after this long")
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
+    pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
+    add("--video", type=Path, metavar="F", help="MP4 with the reference as a ghost")
+    add("--viewer", action="store_true", help="live window")
+    add("--log", type=Path, metavar="DIR", help="one MCAP file per run")
+    add("--dry-run", action="store_true", help="preflight only")
+    add("--json", type=Path, metavar="F", help="the result")
+    add("--seed", type=_seed, default=0, metavar="S")
+    return parser
+
+
+def _positive(text: str) -> float:
+    value = _not_negative(text)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError(f"got {text}, expected a number above 0")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"got {text}, expected a finite number from 0 up")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
+    return int(text)

@@ -1,0 +1,179 @@
+"""One episode in simulation, through the very loop, states and safety rules of a robot."""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deploy.actor_run import ActorRun
+from deploy.loop import Loop, Observer, Plan
+from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
+from deploy.safety.guard import Guard
+from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.settings import DeploySettings
+from deploy.states import Request, StateMachine
+from deploy.tick import Tick, TickResult
+from deploy.timing import PhaseTimer
+from hal.backend import Placeable
+from hal.clock import SimulatedClock
+from hal.mujoco import MujocoBackend
+from hal.types import RobotState
+from motion.metrics import METRIC_KEYS, Track
+from robot.errors import InputError
+from robot.kinematics import Kinematics
+from robot.robot import Robot
+
+WATCH_AFTER_TRIP_S = 2.0
+
+
+class Start(enum.Enum):
+    """Where an episode begins: at the clip's first frame, or slack in the band."""
+
+    REFERENCE = "reference"
+    STAND = "stand"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What episodes share; built once. backend is open. stand: needed for Start.STAND.
+
+    report_only: the limits on targets and torques only count, and a trip alone is not a fall.
+    """
+
+    robot: Robot
+    kinematics: Kinematics
+    settings: DeploySettings
+    backend: MujocoBackend
+    clock: SimulatedClock
+    actor: ActorRun
+    stand: ActorRun | None = None
+    report_only: bool = False
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """track, reference: what was done and what was asked, row by row, or None where TRACKING never began.
+
+    metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
+    fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
+    or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
+    """
+
+    track: Track | None
+    reference: Track | None
+    metrics: dict[str, float | None]
+    steps: int
+    num_ticks: int
+    fell: bool
+    outcome: str
+    fault: str | None
+    limits: dict[str, int]
+    timing: dict[str, object]
+
+
+def run_episode(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    start: Start = Start.REFERENCE,
+    start_noise_rad: float = 0.0,
+    observers: Sequence[Observer] = (),
+) -> EpisodeResult:
+    """Begin anew and run to the end of the clip, a fall or a trip. rng: everything random in this episode.
+
+    start_noise_rad: std of a normal added to every joint position at the start.
+    """
+    machine = StateMachine(
+        scene.robot, scene.stand if start is Start.STAND else None, [scene.actor], scene.settings, scene.actor.period_s
+    )
+    guard = Guard(scene.robot, scene.settings, scene.actor.period_s, report_only=scene.report_only)
+    release = BandRelease(scene.settings, scene.actor.period_s)
+    plan: Plan = Unattended(machine, release, scene.settings, scene.actor.period_s)
+    if start is Start.REFERENCE:
+        place_at_reference(scene.backend, scene.actor, start_noise_rad, rng)
+        machine.start_tracking()
+        plan = OnlyTheClip(machine)
+    elif scene.stand is None:
+        raise InputError("an episode that begins with standing up needs the stand actor")
+    else:
+        noise = rng.normal(0.0, start_noise_rad, scene.robot.num_joints)
+        scene.backend.hang(scene.robot.default_pos_rad + noise, rng=rng)
+    recorder, falls = Recorder(), FallWatch(scene.backend)
+    loop = Loop(
+        scene.backend,
+        scene.clock,
+        Tick(machine, guard),
+        plan=_UntilFall(plan, falls, machine, scene),
+        release=release,
+        observers=[recorder, falls, *observers],
+    )
+    loop.run()
+    return _result(scene, machine, guard, recorder.performance, falls.fell, plan.failure, loop.timer)
+
+
+def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: float, rng: np.random.Generator) -> None:
+    """Put a simulated robot at the clip's first frame, at rest, each joint off by a normal of this std."""
+    reference = actor.reference
+    if reference is None:
+        raise InputError("the actor has no reference motion to start at", where=actor.actor.path)
+    joints = reference.joint_pos_rad[0] + rng.normal(0.0, start_noise_rad, len(reference.joint_pos_rad[0]))
+    backend.reset_to(reference.root_pos_w[0], reference.root_quat_wxyz[0], joints, rng=rng)
+
+
+class FallWatch:
+    """An observer: has the root been below 0.3 m while the band did not hold it?"""
+
+    def __init__(self, backend: MujocoBackend) -> None:
+        self._backend = backend
+        self.fell = False
+
+    def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
+        """See Observer."""
+        if state is not None and state.truth is not None and state.truth.root_pos_w[2] < FALL_HEIGHT_M:
+            self.fell = self.fell or not self._backend.band_attached
+
+
+class _UntilFall:
+    """The plan, ended by a fall; where a trip alone is no fall, the damped robot is watched a little longer."""
+
+    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, scene: Scene) -> None:
+        self.failure: str | None = None
+        self._plan, self._falls, self._machine = plan, falls, machine
+        self._watch = round(WATCH_AFTER_TRIP_S / scene.actor.period_s) if scene.report_only else 0
+
+    def requests(self, state: RobotState | None) -> Sequence[Request]:
+        """See Plan."""
+        if self._falls.fell:
+            return (Request.QUIT,)
+        if self._machine.fault is not None and self._watch > 0:
+            self._watch -= 1
+            return ()
+        return self._plan.requests(state)
+
+
+def _result(
+    scene: Scene,
+    machine: StateMachine,
+    guard: Guard,
+    performance: Performance | None,
+    fell: bool,
+    failure: str | None,
+    timer: PhaseTimer,
+) -> EpisodeResult:
+    tracks = performance.tracks(scene.kinematics) if performance and performance.num_steps else (None, None)
+    metrics = performance.metrics(scene.kinematics) if performance else dict.fromkeys(METRIC_KEYS)
+    tripped = machine.fault is not None
+    outcome = "tripped" if tripped else "fell" if fell else "completed" if failure is None else "failed"
+    return EpisodeResult(
+        track=tracks[0],
+        reference=tracks[1],
+        metrics=metrics,
+        steps=performance.num_steps if performance else 0,
+        num_ticks=scene.actor.num_ticks,
+        fell=fell or (tripped and not scene.report_only),
+        outcome=outcome,
+        fault=str(machine.fault) if tripped else failure,
+        limits=dict(guard.counts),
+        timing=timer.report(),
+    )

@@ -1,0 +1,71 @@
+"""Where results go: checked before any work, written whole or not at all."""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from robot.errors import InputError
+
+
+def check_output_file(option: str, path: Path | None) -> None:
+    """Raise InputError unless a file can be written there. None is fine."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError("is a folder", where=f"{option} {path}", expected="a file to write")
+    _check_parent(option, path)
+
+
+def check_output_folder(option: str, path: Path | None) -> None:
+    """Raise InputError unless the folder is there or can be made in one step. None is fine."""
+    if path is None:
+        return
+    if path.is_dir():
+        _check_writable(option, path, path)
+    elif path.exists():
+        raise InputError("is a file", where=f"{option} {path}", expected="a folder")
+    else:
+        _check_parent(option, path)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file atomically. ValueError on numbers that JSON does not have."""
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write; it takes the name when all went well and goes away otherwise."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    os.close(handle)
+    unfinished = Path(name)
+    try:
+        yield unfinished
+        unfinished.chmod(0o666 & ~_umask())
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _check_parent(option: str, path: Path) -> None:
+    parent = path.absolute().parent
+    if not parent.is_dir():
+        raise InputError("no such folder", where=f"{option} {path}", got=parent, hint="make it first")
+    _check_writable(option, path, parent)
+
+
+def _check_writable(option: str, path: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError("folder is not writable", where=f"{option} {path}", got=folder)

@@ -1,0 +1,151 @@
+"""What is checked before anything is energised."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deploy.actor_run import ActorRun
+from deploy.settings import PreflightSettings
+from hal.backend import Backend
+from hal.clock import Clock
+from hal.types import DeviceError, DeviceInfo, NoState, RobotState
+from robot.robot import Robot
+from robot.rotations import projected_gravity
+
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the table."""
+
+    what: str
+    passed: bool
+    found: str
+
+
+class Refused(DeviceError):
+    """The device is not fit to be energised."""
+
+
+def run_preflight(
+    backend: Backend,
+    info: DeviceInfo,
+    clock: Clock,
+    robot: Robot,
+    actors: Sequence[ActorRun],
+    settings: PreflightSettings,
+    *,
+    at_rest: bool,
+) -> list[Check]:
+    """Read states and judge them. at_rest: whether the robot is supported and still, so that gravity can be judged."""
+    settle, keep = (round(settings.settle_s / backend.control_period_s), settings.samples) if at_rest else (0, 1)
+    states = _read_states(backend, clock, settings.state_wait_s, settle, keep)
+    checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors)]
+    checks += [_check_rate(states, backend.control_period_s), _check_faults(states), _check_finite(states)]
+    checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
+    if at_rest:
+        checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
+    watchdog = "damps by itself" if info.has_watchdog else "none: only the loop can damp"
+    return [*checks, Check("device watchdog", True, watchdog)]
+
+
+def table(checks: Sequence[Check]) -> str:
+    """The checks as lines of text."""
+    width = max(len(check.what) for check in checks)
+    return "\n".join(f"  {'ok' if check.passed else 'NO':2}  {check.what:{width}}  {check.found}" for check in checks)
+
+
+def require(checks: Sequence[Check]) -> None:
+    """Raise Refused, naming what failed."""
+    failed = [f"{check.what}: {check.found}" for check in checks if not check.passed]
+    if failed:
+        raise Refused(f"preflight refused: {'; '.join(failed)}")
+
+
+def _read_states(backend: Backend, clock: Clock, wait_s: float, settle: int, keep: int) -> list[RobotState]:
+    """One state per control period: waits for the first, lets the robot settle, keeps the rest. Raises DeviceError."""
+    start_s = clock.now_s()
+    states: list[RobotState] = []
+    for tick in itertools.count(1):
+        try:
+            states.append(backend.read())
+        except NoState:
+            if clock.now_s() - start_s > wait_s:
+                raise
+        if len(states) >= settle + max(1, keep):
+            break
+        clock.sleep_until(start_s + tick * backend.control_period_s)
+    return states[settle:]
+
+
+def _check_names(info: DeviceInfo, robot: Robot) -> Check:
+    differing = sorted(set(info.joint_names) ^ set(robot.joint_names))
+    same = info.joint_names == robot.joint_names
+    found = f"{len(info.joint_names)} on {info.name}" if same else f"differ: {', '.join(differing) or 'order'}"
+    return Check("joint names", same, found)
+
+
+def _check_actor(actor: ActorRun, robot: Robot) -> Check:
+    spec = actor.actor.spec
+    found = f"{spec.num_joints} joints, every {1e3 * spec.control_period_s:g} ms, sha256 {actor.actor.sha256[:12]}"
+    return Check(f"actor {actor.name}", set(spec.joint_names) == set(robot.joint_names), found)
+
+
+def _check_rate(states: Sequence[RobotState], period_s: float) -> Check:
+    ages_s = [max(float(state.joint_age_s.max()), state.imu_age_s) for state in states]
+    worst_s = max(ages_s)
+    return Check("state age", worst_s < 2.0 * period_s, f"at most {1e3 * worst_s:.1f} ms in {len(states)} readings")
+
+
+def _check_faults(states: Sequence[RobotState]) -> Check:
+    faults = sorted({fault for state in states for fault in state.faults})
+    return Check("device faults", not faults, ", ".join(faults) or "none")
+
+
+def _check_finite(states: Sequence[RobotState]) -> Check:
+    last = states[-1]
+    values = (last.joint_pos_rad, last.joint_vel_rad_s, last.imu_quat_wxyz, last.imu_ang_vel_b, last.imu_acc_b)
+    finite = all(bool(np.isfinite(value).all()) for value in values)
+    unit = abs(float(np.linalg.norm(last.imu_quat_wxyz)) - 1.0) < 1e-3
+    found = ("finite" if finite else "not finite") + ("" if unit else ", the quaternion is no rotation")
+    return Check("numbers", finite and unit, found)
+
+
+def _check_temperature(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:
+    heat = states[-1].temperature_c
+    if heat is None:
+        return Check("temperatures", True, "not measured")
+    joint = int(np.argmax(heat))
+    found = f"hottest {robot.joint_names[joint]} at {heat[joint]:.0f} C, limit {settings.temperature_c:.0f} C"
+    return Check("temperatures", bool(heat[joint] <= settings.temperature_c), found)
+
+
+def _check_range(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:
+    pos = states[-1].joint_pos_rad
+    excess = np.maximum(robot.pos_lower_rad - pos, pos - robot.pos_upper_rad)
+    joint = int(np.argmax(excess))
+    if excess[joint] <= settings.range_margin_rad:
+        return Check("joint ranges", True, "all inside")
+    return Check(
+        "joint ranges", False, f"{robot.joint_names[joint]} at {pos[joint]:.2f} rad is {excess[joint]:.2f} outside"
+    )
+
+
+def _check_gravity(states: Sequence[RobotState], settings: PreflightSettings) -> Check:
+    """The accelerometer's mean against the direction that the quaternion calls up."""
+    force_b = np.mean([state.imu_acc_b for state in states], axis=0)
+    up_b = -np.mean([projected_gravity(state.imu_quat_wxyz) for state in states], axis=0)
+    cosine = float(force_b @ up_b / max(float(np.linalg.norm(force_b) * np.linalg.norm(up_b)), 1e-9))
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
+    found = f"{math.degrees(angle):.1f} degrees apart, limit {math.degrees(settings.gravity_rad):.0f}"
+    return Check("gravity and quaternion", angle <= settings.gravity_rad, found)
+
+
+def _check_acceleration(states: Sequence[RobotState], settings: PreflightSettings) -> Check:
+    size = float(np.linalg.norm(np.mean([state.imu_acc_b for state in states], axis=0)))
+    found = f"{size:.2f} m/s2, expected {GRAVITY_M_S2} within {settings.gravity_m_s2:g}"
+    return Check("acceleration at rest", abs(size - GRAVITY_M_S2) <= settings.gravity_m_s2, found)

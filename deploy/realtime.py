@@ -1,0 +1,72 @@
+"""What the operating system can do for punctuality, taken where it is permitted and said where it is not.
+
+All of it belongs to the calling thread: threads started before keep their own scheduling and cores.
+"""
+
+import ctypes
+import gc
+import os
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+PRIORITY = 50
+MCL_CURRENT_AND_FUTURE = 3
+
+
+@contextmanager
+def realtime(say: Callable[[str], None]) -> Iterator[None]:
+    """SCHED_FIFO, locked memory and one core while the block runs; `say` gets one line for each, granted or why not."""
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    cores = os.sched_getaffinity(0)
+    for ask in (_schedule, _lock_memory, _pin):
+        say(f"realtime: {ask()}")
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+        os.sched_setscheduler(0, policy, priority)
+        ctypes.CDLL(None).munlockall()
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Pauses of the collector stay out of the loop."""
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _schedule() -> str:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
+    except OSError as error:
+        return f"no SCHED_FIFO ({error.strerror})"
+    return f"SCHED_FIFO, priority {PRIORITY}"
+
+
+def _lock_memory() -> str:
+    """Only where the limit cannot make a later allocation fail."""
+    if os.geteuid() != 0 and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
+        return "memory not locked (the memlock limit is not unlimited)"
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
+        return f"memory not locked ({os.strerror(ctypes.get_errno())})"
+    return "memory locked"
+
+
+def _pin() -> str:
+    cores = os.sched_getaffinity(0)
+    if len(cores) < 2:
+        return "one core only, nothing to pin"
+    core = max(cores)
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError as error:
+        return f"not pinned to a core ({error.strerror})"
+    return f"pinned to core {core}"

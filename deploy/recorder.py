@@ -1,0 +1,131 @@
+"""What the robot did during TRACKING, scored against its reference."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deploy.states import Mode
+from deploy.tick import TickResult
+from deploy.timing import PhaseTimer
+from hal.types import RobotState
+from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
+from motion.reference import Reference
+from robot.kinematics import Kinematics
+from robot.rotations import quat_mul, quat_rotate, yaw_of
+
+FALL_HEIGHT_M = 0.3
+NEED_ROOT_POSITION = ("eg_mpbpe_mm", "empbve_mm", "empbae_mm")
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Turn about the vertical and shift on the ground that carry a reference to where the robot started it."""
+
+    yaw_quat_wxyz: np.ndarray
+    from_w: np.ndarray
+    to_w: np.ndarray
+
+    def points(self, points_w: np.ndarray) -> np.ndarray:
+        """(..., 3) of the reference in the robot's world; heights stay."""
+        return quat_rotate(self.yaw_quat_wxyz, points_w - self.from_w) + self.to_w
+
+    def rotations(self, quat_wxyz: np.ndarray) -> np.ndarray:
+        """(..., 4) likewise."""
+        return quat_mul(self.yaw_quat_wxyz, quat_wxyz)
+
+
+def align_heading(reference: Reference, root_pos_w: np.ndarray, root_quat_wxyz: np.ndarray) -> Heading:
+    """Bring the reference's first row to the robot's yaw, x and y."""
+    yaw = float(yaw_of(root_quat_wxyz) - yaw_of(reference.root_quat_wxyz[0]))
+    quat = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+    ground = np.array([1.0, 1.0, 0.0])
+    return Heading(quat, reference.root_pos_w[0] * ground, root_pos_w * ground)
+
+
+@dataclass
+class Performance:
+    """One clip as performed: row t is the state after control tick t. heading: how the reference was laid.
+
+    known_root: whether the backend knows where the root is; otherwise orientation is the IMU's and position is 0.
+    fallen_at: first row with the root below 0.3 m, or None.
+    """
+
+    reference: Reference
+    heading: Heading
+    known_root: bool
+    root_pos_w: list[np.ndarray] = field(default_factory=list)
+    root_quat_wxyz: list[np.ndarray] = field(default_factory=list)
+    joint_pos_rad: list[np.ndarray] = field(default_factory=list)
+    contact: list[np.ndarray] = field(default_factory=list)
+    fallen_at: int | None = None
+
+    @property
+    def num_steps(self) -> int:
+        """Rows until the clip's end or the fall, the row of the fall included."""
+        return len(self.joint_pos_rad)
+
+    def add(self, state: RobotState) -> None:
+        """The state after one more tick; nothing is added after the clip's end or a fall."""
+        if self.fallen_at is not None or self.num_steps >= self.reference.num_ticks:
+            return
+        truth = state.truth
+        if truth is None:
+            self.root_pos_w.append(np.zeros(3))
+            self.root_quat_wxyz.append(state.imu_quat_wxyz)
+            self.joint_pos_rad.append(state.joint_pos_rad)
+            return
+        self.root_pos_w.append(truth.root_pos_w)
+        self.root_quat_wxyz.append(truth.root_quat_wxyz)
+        self.joint_pos_rad.append(truth.joint_pos_rad)
+        self.contact.append(truth.foot_contact)
+        if truth.root_pos_w[2] < FALL_HEIGHT_M:
+            self.fallen_at = self.num_steps - 1
+
+    def tracks(self, kinematics: Kinematics) -> tuple[Track, Track]:
+        """What was done and what was to be done, of equal length, in the robot's world."""
+        joints = np.array(self.joint_pos_rad)
+        bodies = kinematics.forward(np.array(self.root_pos_w), np.array(self.root_quat_wxyz), joints)
+        contact = np.array(self.contact, dtype=np.float64) if self.known_root else None
+        wanted = reference_track(self.reference, self.num_steps)
+        placed = Track(self.heading.points(wanted.body_pos_w), wanted.joint_pos_rad, wanted.contact)
+        return Track(bodies.pos_w, joints, contact), placed
+
+    def metrics(self, kinematics: Kinematics) -> dict[str, float | None]:
+        """Episode means of the tracking metrics and the length ratio; None where the backend cannot know."""
+        if self.num_steps == 0:
+            return dict.fromkeys(METRIC_KEYS)
+        metrics = tracking_metrics(*self.tracks(kinematics))
+        if not self.known_root:
+            metrics |= dict.fromkeys(NEED_ROOT_POSITION)
+        return metrics | {"episode_length_ratio": episode_length_ratio(self.num_steps, self.reference.num_ticks)}
+
+
+class Recorder:
+    """Watches ticks and keeps the latest performance."""
+
+    def __init__(self) -> None:
+        self.performance: Performance | None = None
+        self._after_tracking_tick = False
+
+    def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
+        """See Observer: the state that a tick began with, and what came of it."""
+        if state is None:
+            self._after_tracking_tick = False
+            return
+        entered = Mode.TRACKING in result.modes or self.performance is None
+        actor = result.actor
+        tracking = result.mode is Mode.TRACKING and actor is not None
+        if self._after_tracking_tick and self.performance:
+            self.performance.add(state)
+        if tracking and entered and actor and actor.reference:
+            self._begin(state, actor.reference)
+        self._after_tracking_tick = tracking
+
+    def _begin(self, state: RobotState, reference: Reference) -> None:
+        truth = state.truth
+        if truth is None:
+            heading = align_heading(reference, np.zeros(3), state.imu_quat_wxyz)
+        else:
+            heading = align_heading(reference, truth.root_pos_w, truth.root_quat_wxyz)
+        self.performance = Performance(reference, heading, truth is not None)

@@ -1,0 +1,150 @@
+"""The command `deploy/replay`: a log's states through an actor again, and the first term that comes out otherwise."""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from deploy.actors import load_run
+from deploy.settings import load_settings
+from policy.actor import Actor
+from policy.controller import PolicyController, PolicyOutput
+from policy.observation import term_dims
+from policy.spec import ActorSpec
+from robot.errors import InputError
+from robot.robot import Robot, load_robot
+
+SAME, DIFFERENT, BAD_INPUT = 0, 1, 2
+STATE_FIELDS = ("imu_quat_wxyz", "imu_ang_vel_b", "joint_pos_rad", "joint_vel_rad_s")
+
+
+@dataclass
+class LoggedTick:
+    """One tick of an actor as a log holds it: what it saw, and what came out."""
+
+    time_s: float
+    state: dict[str, Any] = field(default_factory=dict)
+    observation: dict[str, Any] = field(default_factory=dict)
+    action: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first value that differs. term: as in `dof_vel[1] left_knee_joint`; logged, replayed: the two values."""
+
+    tick: int
+    time_s: float
+    term: str
+    logged: float
+    replayed: float
+
+    def __str__(self) -> str:
+        values = f"log {self.logged:.9g}, replay {self.replayed:.9g}"
+        return f"first difference at tick {self.tick} (t = {self.time_s:.3f} s): {self.term}: {values}"
+
+
+def read_ticks(path: Path) -> tuple[list[LoggedTick], tuple[str, ...]]:
+    """All ticks of actors in a log, in order, and the joint names. InputError on a file that is no log of a run."""
+    ticks: dict[int, LoggedTick] = {}
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            about = {record.name: record.metadata for record in reader.iter_metadata()}
+            for _, channel, message in reader.iter_messages(topics=["/state", "/observation", "/action"]):
+                tick = ticks.setdefault(message.log_time, LoggedTick(1e-9 * message.log_time))
+                setattr(tick, channel.topic.strip("/"), json.loads(message.data))
+        joint_names = tuple(json.loads(about["run"]["joint_names"]))
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path) from error
+    except (McapError, KeyError, ValueError) as error:
+        raise InputError("is not a log of a run", where=path, got=str(error) or type(error).__name__) from error
+    return [tick for tick in ticks.values() if tick.action], joint_names
+
+
+def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[LoggedTick]:
+    """Those of this very actor; where there are none, those of actors of the same motion. InputError if none at all."""
+    same = [tick for tick in ticks if tick.action["policy_sha256"] == actor.sha256]
+    if not same and actor.spec.motion is not None:
+        same = [tick for tick in ticks if tick.action["motion"] == actor.spec.motion.name]
+    if not same:
+        got = ", ".join(sorted({f"{tick.action['motion']} ({tick.action['policy_sha256'][:12]})" for tick in ticks}))
+        raise InputError("holds no tick of this actor", where=where, got=got or "no actor", expected=actor.sha256[:12])
+    return same
+
+
+def first_difference(actor: Actor, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
+    """Feed the states to the actor as the loop did; None where everything agrees within the tolerance."""
+    spec = actor.spec
+    if spec.motion is None:
+        raise InputError("the actor has no reference motion", where=actor.path)
+    controller = PolicyController(actor, robot)
+    for number, tick in enumerate(ticks):
+        if tick.action["tick"] == 0 or number == 0:
+            controller.reset()
+        phase = min(1.0, tick.action["tick"] * spec.control_period_s / spec.motion.duration_s)
+        quat, ang_vel, pos, vel = (_array(tick.state[name]) for name in STATE_FIELDS)
+        output = controller.act(quat, ang_vel, pos, vel, phase)
+        for term, logged, replayed in _pairs(spec, robot, tick, output):
+            if not _close(logged, replayed, tolerance):
+                return Difference(tick.action["tick"], tick.time_s, term, logged, replayed)
+    return None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit code 0 where the replay agrees, 1 where it differs, 2 on bad input."""
+    parser = argparse.ArgumentParser(prog="deploy/replay", description=__doc__, allow_abbrev=False)
+    parser.add_argument("log", type=Path, help="an MCAP file that deploy/run --log wrote")
+    parser.add_argument("--policy", required=True, metavar="NAME|FILE")
+    parser.add_argument("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
+    parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE")
+    parser.add_argument("--tolerance", type=float, default=1e-5, help="largest difference of a term that is none")
+    given = parser.parse_args(arguments)
+    try:
+        robot = load_robot(given.robot)
+        actor = load_run(given.policy, given.motion, robot, load_settings().entry).actor
+        ticks, joint_names = read_ticks(given.log)
+        if joint_names != robot.joint_names:
+            raise InputError("the log is of another robot", where=given.log, expected=robot.name)
+        chosen = ticks_of(actor, ticks, given.log)
+        difference = first_difference(actor, robot, chosen, given.tolerance)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
+    return SAME if difference is None else DIFFERENT
+
+
+def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput) -> Iterator[tuple[str, float, float]]:
+    """(label, logged, replayed) of every number, in the order in which the actor depends on them."""
+    groups = tick.observation["groups"]
+    for group in spec.observations:
+        labels = _labels(group.terms, spec)
+        yield from zip(labels, _array(groups[group.name]).tolist(), output.observation[group.name].tolist())
+    for name, values in (("action", output.action), ("target_rad", output.target_rad)):
+        labels = [f"{name} {joint}" for joint in robot.joint_names]
+        yield from zip(labels, _array(tick.action[name]).tolist(), values.tolist())
+
+
+def _labels(terms: Sequence[Any], spec: ActorSpec) -> list[str]:
+    dims = term_dims(spec.num_joints)
+    labels = []
+    for term in terms:
+        parts = spec.joint_names if dims[term.term] == spec.num_joints else [str(i) for i in range(dims[term.term])]
+        labels += [f"{term.term}[{lag}] {part}" for lag in term.lags for part in parts]
+    return labels
+
+
+def _array(values: Sequence[float | None]) -> np.ndarray:
+    return np.array([math.nan if value is None else value for value in values])
+
+
+def _close(a: float, b: float, tolerance: float) -> bool:
+    return abs(a - b) <= tolerance or (math.isnan(a) and math.isnan(b))

@@ -1,0 +1,1 @@
+"""Rules between actor and robot. Only the guard makes the commands that a backend is given."""

@@ -1,0 +1,83 @@
+"""The gate between actor and backend: asks every rule, counts, and alone makes commands."""
+
+import math
+
+import numpy as np
+
+from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
+from deploy.safety.rules import Fault, LimitRule, Sample, TripRule, Wish
+from deploy.safety.trips import CLOCK_GRAIN_S, trip_rules
+from deploy.settings import DeploySettings
+from hal.types import DeviceError, DeviceFault, JointCommand, RobotState
+from robot.robot import Robot
+
+OTHER_RULES = ("action_not_finite", "link_loss", "stand_up_error", "stand_up_tilt")
+
+
+class Guard:
+    """All safety rules of one run.
+
+    report_only: rules (a) torque_limit and (b) soft_position count but do not act; for simulation only.
+    counts: ticks on which each rule was violated or acted, by rule name.
+    """
+
+    def __init__(self, robot: Robot, settings: DeploySettings, period_s: float, *, report_only: bool = False) -> None:
+        safety = settings.safety
+        self._late_hold = StaleHold(safety.stale.limit_periods * period_s - CLOCK_GRAIN_S)
+        self._limits: tuple[LimitRule, ...] = (
+            self._late_hold,
+            SoftPosition(robot, safety.soft_position.factor, report_only),
+            TorqueLimit(robot, safety.torque_limit.factor, report_only),
+        )
+        self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s)
+        self._run = {rule.name: 0 for rule in self._trips}
+        self._no_velocity = np.zeros(robot.num_joints)
+        self._no_velocity.setflags(write=False)
+        self._names = robot.joint_names
+        names = [*(rule.name for rule in self._limits), *self._run, *OTHER_RULES]
+        self.counts: dict[str, int] = dict.fromkeys(names, 0)
+
+    def check(self, sample: Sample, *, moving: bool) -> Fault | None:
+        """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
+        for rule in self._trips:
+            detail = rule.violation(sample) if moving or not rule.moving else None
+            if detail is None:
+                self._run[rule.name] = 0
+                continue
+            self.counts[rule.name] += 1
+            self._run[rule.name] += 1
+            if self._run[rule.name] >= rule.ticks:
+                return Fault(rule.name, detail)
+        return None
+
+    def check_reading(self, error: DeviceError) -> Fault:
+        """A read that failed: the device refuses, or the way to it is gone."""
+        rule = "device_fault" if isinstance(error, DeviceFault) else "link_loss"
+        return self.counted(Fault(rule, str(error)))
+
+    def check_action(self, wish: Wish) -> Fault | None:
+        """A wish that is not a number."""
+        if math.isfinite(float(wish.target_rad.sum())):
+            return None
+        bad = [name for name, target in zip(self._names, wish.target_rad) if not math.isfinite(target)]
+        return self.counted(Fault("action_not_finite", f"target of {', '.join(bad[:3])} is not a number"))
+
+    def counted(self, fault: Fault) -> Fault:
+        """Count a fault that was found outside the rules on a state."""
+        self.counts[fault.rule] += 1
+        return fault
+
+    def command(self, wish: Wish, state: RobotState) -> JointCommand:
+        """The wish, limited. The only place where a command for a backend is made."""
+        for rule in self._limits:
+            limited = rule.limited(wish, state)
+            if limited is not wish:
+                self.counts[rule.name] += 1
+                wish = wish if rule.report_only else limited
+        self._late_hold.sent(wish.target_rad)
+        return JointCommand(wish.target_rad, self._no_velocity, wish.kp, wish.kd, self._no_velocity)
+
+    def reset(self) -> None:
+        """Forget violations in a row and what was last sent; the counts stay."""
+        self._run = dict.fromkeys(self._run, 0)
+        self._late_hold.reset()

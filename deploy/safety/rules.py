@@ -1,0 +1,75 @@
+"""What every safety rule shares: the sample it looks at, its verdict, and how long a violation must last."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from hal.types import RobotState
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why the robot is being damped. rule: the rule's name; detail: one line with got and limit."""
+
+    rule: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.detail}"
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One tick as the rules see it. tilt_rad: angle between the base's z and up; inference_s: the tick before's."""
+
+    state: RobotState
+    tilt_rad: float
+    age_s: float
+    inference_s: float
+
+
+@dataclass(slots=True)
+class Wish:
+    """What an actor or the stand-up asks of the joints; (J,) each. Only the guard turns it into a command."""
+
+    target_rad: np.ndarray
+    kp: np.ndarray
+    kd: np.ndarray
+
+
+class TripRule(Protocol):
+    """A rule whose verdict is *trip*. `ticks`: violations in a row that trip; `moving`: ignored while at rest."""
+
+    name: str
+    ticks: int
+    moving: bool
+
+    def violation(self, sample: Sample) -> str | None:
+        """What is wrong in one line, or None."""
+        ...
+
+
+class LimitRule(Protocol):
+    """A rule whose verdict is *limit*: it changes the wish."""
+
+    name: str
+    report_only: bool
+
+    def limited(self, wish: Wish, state: RobotState) -> Wish:
+        """The wish itself, unchanged, or a new one inside the limit."""
+        ...
+
+
+def tilt_rad(quat_wxyz: np.ndarray) -> float:
+    """Angle between the base's z axis and up, in [0, pi]; nan where the quaternion is not finite."""
+    _, x, y, _ = quat_wxyz.tolist()
+    cosine = 1.0 - 2.0 * (x * x + y * y)
+    return math.acos(min(1.0, max(-1.0, cosine))) if math.isfinite(cosine) else math.nan
+
+
+def make_sample(state: RobotState, inference_s: float = 0.0) -> Sample:
+    """Derive what the rules share from a state."""
+    age_s = max(float(state.joint_age_s.max()), state.imu_age_s)
+    return Sample(state, tilt_rad(state.imu_quat_wxyz), age_s, inference_s)

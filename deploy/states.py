@@ -1,0 +1,207 @@
+"""The states of a running robot and every way between them.
+
+    IDLE -> DAMPING -> STAND_UP -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
+
+Any fault and every operator's stop lead to DAMPING, latched; acknowledging leads to IDLE, never straight up.
+"""
+
+import enum
+from collections.abc import Callable, Sequence
+
+from deploy.actor_run import ActorRun
+from deploy.safety.rules import Fault, Wish
+from deploy.settings import DeploySettings
+from deploy.stand_up import StandUp
+from hal.types import RobotState
+from policy.controller import PolicyOutput
+from robot.robot import Robot
+
+
+class Mode(enum.Enum):
+    """What the robot is doing. The value is the line that a change prints."""
+
+    IDLE = "IDLE"
+    DAMPING = "damping"
+    STAND_UP = "STAND_UP"
+    READY = "READY"
+    TRACKING = "TRACKING"
+    HOLD = "HOLD"
+
+
+class Request(enum.Enum):
+    """What an operator, or the unattended sequence, may ask for."""
+
+    STAND = "stand"
+    START = "start"
+    HOLD = "hold"
+    SWITCH = "switch"
+    DAMP = "damp"
+    ACKNOWLEDGE = "acknowledge"
+    QUIT = "quit"
+
+
+ALLOWED: dict[Request, frozenset[Mode]] = {
+    Request.STAND: frozenset({Mode.IDLE}),
+    Request.START: frozenset({Mode.READY, Mode.HOLD}),
+    Request.HOLD: frozenset({Mode.TRACKING}),
+    Request.SWITCH: frozenset({Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD}),
+    Request.DAMP: frozenset(Mode),
+    Request.ACKNOWLEDGE: frozenset({Mode.DAMPING}),
+    Request.QUIT: frozenset(Mode),
+}
+RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
+
+
+class StateMachine:
+    """Which actor, if any, moves the joints now. Knows neither clock nor device: one call of `advance` is one tick.
+
+    stand: balances in READY and HOLD; without it only `start_tracking` begins, and the clip's end is damped.
+    tracked: the actors to choose from; `selected` is the next to start. fault: what latched DAMPING, if a fault did.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        stand: ActorRun | None,
+        tracked: Sequence[ActorRun],
+        settings: DeploySettings,
+        period_s: float,
+    ) -> None:
+        self.mode = Mode.IDLE
+        self.fault: Fault | None = None
+        self.latched = False
+        self.selected = 0
+        self.tracked = tuple(tracked)
+        self.active: ActorRun | None = None
+        self.output: PolicyOutput | None = None
+        self._stand = stand
+        self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
+        self._damping_ticks = round(settings.stand_up.damping_s / period_s)
+        self._blend_ticks = max(1, round(settings.blend_s / period_s))
+        self._rested = 0
+        self._hold_wanted = False
+        self._sent: Wish | None = None
+        self._blend_from: Wish | None = None
+        self._blended = 0
+
+    def request(self, request: Request, state: RobotState | None) -> str | None:
+        """Carry out a request, or answer why not."""
+        if self.mode not in ALLOWED[request]:
+            allowed = ", ".join(mode.name for mode in Mode if mode in ALLOWED[request])
+            return f"{request.value} refused in {self.mode.name}, possible in {allowed}"
+        match request:
+            case Request.DAMP | Request.QUIT:
+                self._damp(latched=True)
+            case Request.ACKNOWLEDGE:
+                self._acknowledge()
+            case Request.STAND:
+                return self._begin_standing()
+            case Request.START:
+                return self._start_selected(state)
+            case Request.HOLD:
+                return self._ask_hold()
+            case Request.SWITCH:
+                self.selected = (self.selected + 1) % len(self.tracked)
+        return None
+
+    def trip(self, fault: Fault) -> None:
+        """A fault: DAMPING, latched. The first one stays the reason."""
+        if not (self.latched and self.fault):
+            self.fault = fault
+        self._damp(latched=True)
+
+    def start_tracking(self) -> None:
+        """Begin in TRACKING at once: a simulated robot was put at the clip's first frame."""
+        self._activate(self.tracked[self.selected], Mode.TRACKING)
+        self._blend_from = None
+
+    def advance(self, state: RobotState, lap: Callable[[str], None] | None = None) -> Wish | Fault | None:
+        """One tick: move on where the present state has ended, then ask what moves the joints. None = nothing does."""
+        self._move_on(state)
+        self.output = None
+        if self.mode is Mode.STAND_UP and self._stand_up is not None:
+            fault = self._stand_up.fault(state)
+            if fault is not None:
+                return fault
+            self._sent = self._stand_up.wish()
+        elif self.active is not None:
+            self.output = self.active.act(state, lap)
+            self._sent = self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
+        return self._sent
+
+    def _move_on(self, state: RobotState) -> None:
+        stand, active = self._stand, self.active
+        if self.mode is Mode.DAMPING and not self.latched:
+            self._rested += 1
+            if self._rested > self._damping_ticks and self._stand_up is not None:
+                self._stand_up.start(state)
+                self.mode = Mode.STAND_UP
+        elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
+            if stand.obstacle(state) is None:
+                self._activate(stand, Mode.READY)
+        elif self.mode is Mode.TRACKING and active:
+            if active.finished:
+                self._end_of_clip(state)
+            elif self._hold_wanted and stand and stand.obstacle(state) is None:
+                self._activate(stand, Mode.HOLD)
+        elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
+            self._activate(stand, Mode.HOLD)
+
+    def _end_of_clip(self, state: RobotState) -> None:
+        if self._stand is None:
+            self._damp(latched=False)
+        elif self._stand.obstacle(state) is None:
+            self._activate(self._stand, Mode.HOLD)
+        else:
+            self.mode = Mode.HOLD
+
+    def _activate(self, actor: ActorRun, mode: Mode) -> None:
+        actor.start()
+        self.active, self.mode = actor, mode
+        self._blend_from, self._blended = self._sent, 0
+        self._hold_wanted = False
+
+    def _blend(self, wish: Wish) -> Wish:
+        """From what was last sent when the actor took over, to the actor's own targets and gains."""
+        before = self._blend_from
+        if before is None:
+            return wish
+        self._blended += 1
+        if self._blended >= self._blend_ticks:
+            self._blend_from = None
+            return wish
+        share = self._blended / self._blend_ticks
+        return Wish(
+            before.target_rad + share * (wish.target_rad - before.target_rad),
+            before.kp + share * (wish.kp - before.kp),
+            before.kd + share * (wish.kd - before.kd),
+        )
+
+    def _begin_standing(self) -> str | None:
+        if self._stand_up is None:
+            return "stand refused: there is no stand actor"
+        self._damp(latched=False)
+        return None
+
+    def _start_selected(self, state: RobotState | None) -> str | None:
+        actor = self.tracked[self.selected]
+        why = "no state" if state is None else actor.obstacle(state)
+        if why is not None:
+            return f"start refused: {why}"
+        self._activate(actor, Mode.TRACKING)
+        return None
+
+    def _ask_hold(self) -> str | None:
+        if self._stand is None:
+            return "hold refused: there is no stand actor"
+        self._hold_wanted = True
+        return None
+
+    def _acknowledge(self) -> None:
+        if self.latched:
+            self.mode, self.latched, self.fault = Mode.IDLE, False, None
+
+    def _damp(self, *, latched: bool) -> None:
+        self.mode, self.latched = Mode.DAMPING, self.latched or latched
+        self.active = self._sent = self._blend_from = None
+        self._rested = 0

@@ -1,0 +1,92 @@
+"""One control tick: what the robot said in, what it is told out. No clock, no device, no waiting."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from deploy.actor_run import ActorRun
+from deploy.safety.guard import Guard
+from deploy.safety.rules import Fault, Wish, make_sample
+from deploy.states import RESTING, Mode, Request, StateMachine
+from hal.types import DeviceError, JointCommand, RobotState
+from policy.controller import PolicyOutput
+
+
+@dataclass(frozen=True, slots=True)
+class TickResult:
+    """command: to be written, or None: the joints are damped, or left alone in IDLE.
+
+    modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
+    stop was cleared. actor, output: who moved the joints and what it computed; None where none did.
+    """
+
+    command: JointCommand | None
+    mode: Mode
+    modes: tuple[Mode, ...]
+    fault: Fault | None
+    refused: tuple[str, ...]
+    acknowledged: bool
+    actor: ActorRun | None
+    output: PolicyOutput | None
+
+
+class Tick:
+    """The step that the loop and the evaluation share. Everything it remembers is in the machine and the guard."""
+
+    def __init__(self, machine: StateMachine, guard: Guard) -> None:
+        self.machine = machine
+        self.guard = guard
+        self._mode = Mode.IDLE
+
+    def __call__(
+        self,
+        reading: RobotState | DeviceError,
+        requests: Sequence[Request] = (),
+        inference_s: float = 0.0,
+        lap: Callable[[str], None] | None = None,
+    ) -> TickResult:
+        """reading: the state, or what prevented reading it. inference_s: how long the actor took a tick before."""
+        machine, guard = self.machine, self.guard
+        state = None if isinstance(reading, DeviceError) else reading
+        modes: list[Mode] = [] if machine.mode is self._mode else [machine.mode]
+        self._mode = machine.mode
+        if fault := self._fault_of(reading, inference_s):
+            machine.trip(fault)
+        self._note(modes)
+        refused = []
+        acknowledged = False
+        for request in requests:
+            was_latched = machine.latched
+            if answer := machine.request(request, state):
+                refused.append(answer)
+            acknowledged = acknowledged or (was_latched and not machine.latched)
+            self._note(modes)
+        command = None if state is None else self._command(state, lap)
+        self._note(modes)
+        if command is None:
+            guard.reset()
+        output = None if state is None else machine.output
+        return TickResult(
+            command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output
+        )
+
+    def _fault_of(self, reading: RobotState | DeviceError, inference_s: float) -> Fault | None:
+        if isinstance(reading, DeviceError):
+            return self.guard.check_reading(reading)
+        moving = self.machine.mode not in RESTING
+        return self.guard.check(make_sample(reading, inference_s), moving=moving)
+
+    def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
+        machine, guard = self.machine, self.guard
+        wish = machine.advance(state, lap)
+        if isinstance(wish, Wish) and (fault := guard.check_action(wish)):
+            machine.trip(fault)
+        elif isinstance(wish, Fault):
+            machine.trip(guard.counted(wish))
+        elif wish is not None:
+            return guard.command(wish, state)
+        return None
+
+    def _note(self, modes: list[Mode]) -> None:
+        if self.machine.mode is not self._mode:
+            self._mode = self.machine.mode
+            modes.append(self._mode)

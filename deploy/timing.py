@@ -1,0 +1,68 @@
+"""How long the phases of a tick take, and how old the state is that a command answers."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+PHASES = ("read", "observe", "infer", "guard", "write")
+
+
+def percentiles(values: Sequence[float]) -> dict[str, float | None]:
+    """p50, p99, p999 (linear between order statistics) and max; None for no values."""
+    if not values:
+        return {"p50": None, "p99": None, "p999": None, "max": None}
+    p50, p99, p999 = np.percentile(np.asarray(values, dtype=np.float64), [50.0, 99.0, 99.9])
+    return {"p50": float(p50), "p99": float(p99), "p999": float(p999), "max": float(max(values))}
+
+
+class PhaseTimer:
+    """Laps of one tick after another, in the seconds of `now_s`."""
+
+    def __init__(self, now_s: Callable[[], float] = time.perf_counter) -> None:
+        self._now_s = now_s
+        self._begun_s = self._last_s = 0.0
+        self._laps: dict[str, float] = {}
+        self.overruns = 0
+        self._ticks_ms: list[float] = []
+        self._ages_ms: list[float] = []
+        self._phases_ms: dict[str, list[float]] = {phase: [] for phase in PHASES}
+
+    def begin(self) -> None:
+        """A tick starts."""
+        self._begun_s = self._last_s = self._now_s()
+        self._laps = {}
+
+    def lap(self, phase: str) -> None:
+        """A phase ends here and the next begins."""
+        now_s = self._now_s()
+        self._laps[phase] = now_s - self._last_s
+        self._last_s = now_s
+
+    def end(self, state_age_s: float | None) -> None:
+        """The tick ends; state_age_s: age of the oldest part of its state when the command left, if there was one."""
+        self._ticks_ms.append(1e3 * (self._last_s - self._begun_s))
+        for phase, spent_s in self._laps.items():
+            self._phases_ms[phase].append(1e3 * spent_s)
+        if state_age_s is not None:
+            self._ages_ms.append(1e3 * state_age_s)
+
+    @property
+    def ticks(self) -> int:
+        """Ticks ended."""
+        return len(self._ticks_ms)
+
+    @property
+    def laps_s(self) -> Mapping[str, float]:
+        """The present tick's phases so far."""
+        return self._laps
+
+    def report(self) -> dict[str, object]:
+        """What the JSON result holds under "timing"."""
+        return {
+            "tick_ms": percentiles(self._ticks_ms),
+            "state_age_ms": percentiles(self._ages_ms),
+            "phases_ms": {phase: percentiles(values) for phase, values in self._phases_ms.items()},
+            "overruns": self.overruns,
+            "ticks": self.ticks,
+        }

@@ -1,0 +1,1 @@
+"""Scores an actor in simulation."""

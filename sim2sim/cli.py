@@ -1,0 +1,141 @@
+"""The command `sim2sim/evaluate`: options in, table, JSON, video and report out."""
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from deploy.outputs import check_output_file, check_output_folder, write_json
+from robot.errors import InputError
+from sim2sim.evaluation import Evaluation, evaluate
+from sim2sim.player import Player
+from sim2sim.progress import Progress
+from sim2sim.request import Request
+from sim2sim.table import format_table
+
+Writer = Callable[[Evaluation], None]
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with errors of one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of printing the usage."""
+        raise InputError(message, hint=f"see {self.prog} --help")
+
+
+def build_parser() -> Parser:
+    """The options, as people script against them."""
+    parser = Parser("sim2sim/evaluate", description="Score actors in simulation.", allow_abbrev=False)
+    add = parser.add_argument
+    add("--policy", action="append", required=True, metavar="NAME|FILE", help="actor; give several to compare them")
+    add("--motion", metavar="FILE", help="clip for an actor that carries none")
+    add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
+    add("--sim-model", type=Path, metavar="FILE", help="another MJCF with the same joint names")
+    add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")
+    add("--start-noise", type=_number, default=0.0, metavar="RAD", help="std of a normal added to each joint position")
+    add("--friction", type=_number, metavar="F", help="sliding friction of every contact")
+    add("--delay", type=_number, metavar="MS", help="targets reach the motors this much later")
+    add("--push", type=_number, metavar="V", help="kick of V m/s every 5 s")
+    add("--episodes", type=_positive, default=1, metavar="N", help="how many of each actor (default 1)")
+    add("--randomize", action="store_true", help="robot, ground, delay, pushes and sensor noise differ by episode")
+    add("--seed", type=_count, default=0, metavar="S", help="the same seed gives the same numbers (default 0)")
+    add("--json", type=Path, metavar="F", help="write the scores")
+    add("--video", type=Path, metavar="F", help="first episode of each actor beside the reference, MP4")
+    add("--report", type=Path, metavar="DIR", help="write report.html: scores, plots, pictures")
+    return parser
+
+
+def request_of(options: argparse.Namespace) -> Request:
+    """The parsed options as a request, in SI units."""
+    return Request(
+        policies=tuple(options.policy),
+        motion=options.motion,
+        sim=options.sim,
+        sim_model=options.sim_model,
+        start=options.start,
+        start_noise_rad=options.start_noise,
+        friction=options.friction,
+        delay_s=None if options.delay is None else 1e-3 * options.delay,
+        push_m_s=options.push,
+        episodes=options.episodes,
+        randomize=options.randomize,
+        seed=options.seed,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Evaluate. Returns the exit code."""
+    try:
+        options = build_parser().parse_args(arguments)
+        check_output_file("--json", options.json)
+        check_output_file("--video", options.video)
+        check_output_folder("--report", options.report)
+        writers = _writers(options)
+        _run(request_of(options), writers)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped before the end: no scores", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(request: Request, writers: Sequence[Writer]) -> None:
+    player = Player(request)
+    progress = Progress(request.episodes * len(request.policies))
+    started_s = time.monotonic()
+    evaluation = evaluate(player, progress)
+    progress.end()
+    print(f"{request.episodes} episodes each, simulation {request.sim}, {time.monotonic() - started_s:.1f} s")
+    print(format_table([run.document for run in evaluation.runs], [run.name for run in evaluation.runs]))
+    print(*evaluation.remarks(), sep="\n")
+    for write in writers:
+        write(evaluation)
+
+
+def _writers(options: argparse.Namespace) -> list[Writer]:
+    """What to do with the results; what pictures need is imported here, before any episode."""
+    writers: list[Writer] = []
+    if options.json:
+        writers.append(lambda evaluation: write_json(options.json, evaluation.document()))
+    try:
+        if options.video:
+            from sim2sim.video import write_video
+            from view.output import check_output_path
+
+            check_output_path(options.video, (".mp4",))
+            writers.append(lambda evaluation: write_video(options.video, evaluation))
+        if options.report:
+            from sim2sim.report import write_report
+
+            writers.append(lambda evaluation: write_report(options.report, evaluation))
+    except ModuleNotFoundError as error:
+        hint = "run make install, or pip install -e '.[view]'"
+        raise InputError("pictures need a package that is not installed", got=error.name, hint=hint) from error
+    return writers
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"got {text}, expected a number from 0 up")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
+    return value
+
+
+def _positive(text: str) -> int:
+    value = _count(text)
+    if value == 0:
+        raise argparse.ArgumentTypeError("got 0, expected a whole number from 1 up")
+    return value

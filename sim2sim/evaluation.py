@@ -1,0 +1,74 @@
+"""All episodes of all policies of one request, and the numbers that follow from them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim2sim.aggregate import run_document, worst_frame
+from sim2sim.episode import EpisodeScore
+from sim2sim.parallel import Job, default_workers, play_all
+from sim2sim.player import Player
+from sim2sim.request import Request
+
+
+@dataclass(frozen=True)
+class Run:
+    """One policy's episodes in order; `document` is its JSON object."""
+
+    name: str
+    episodes: Sequence[EpisodeScore]
+    document: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an evaluation found. `player` knows robot and actors."""
+
+    request: Request
+    player: Player
+    runs: Sequence[Run]
+
+    def document(self) -> dict[str, Any]:
+        """The JSON document: the run itself, or `{"runs": [...]}` for several policies."""
+        documents = [run.document for run in self.runs]
+        return documents[0] if len(documents) == 1 else {"runs": documents}
+
+    def remarks(self) -> list[str]:
+        """Where each run was worst, and what ended episodes early, in words."""
+        lines = []
+        for run in self.runs:
+            worst = worst_frame(run.episodes)
+            if worst is not None:
+                time_s = self.player.period_s * (worst.tick + 1)
+                lines.append(
+                    f"{run.name}: worst frame in episode {worst.episode} at {time_s:.2f} s, {worst.error_mm:.0f} mm"
+                )
+            causes = [episode.ended for episode in run.episodes if not episode.survived]
+            for cause in sorted(set(causes)):
+                lines.append(f"{run.name}: {causes.count(cause)} of {len(run.episodes)} ended early by {cause}")
+        return lines
+
+
+def evaluate(
+    player: Player, on_done: Callable[[Job, EpisodeScore], None] = lambda job, score: None, workers: int | None = None
+) -> Evaluation:
+    """Play every policy of the player's request in the same episodes. workers: None for one a core."""
+    request = player.request
+    jobs = [(policy, episode) for episode in range(request.episodes) for policy in range(len(request.policies))]
+    scores = play_all(player, jobs, on_done, default_workers(len(jobs)) if workers is None else workers)
+    runs = []
+    for index, name in enumerate(run_names(request.policies)):
+        episodes = [scores[index, episode] for episode in range(request.episodes)]
+        actor = player.actors[index]
+        runs.append(Run(name, episodes, run_document(actor.sha256, player.motion_name(index), request.sim, episodes)))
+    return Evaluation(request, player, runs)
+
+
+def run_names(policies: Sequence[str]) -> list[str]:
+    """Names for tables: a bundled name as it is, of a file its folder and name; numbered where two are the same."""
+    short = ["/".join(Path(policy).parts[-2:]) for policy in policies]
+    return [
+        name if short.count(name) == 1 else f"{name} ({1 + short[:index].count(name)})"
+        for index, name in enumerate(short)
+    ]

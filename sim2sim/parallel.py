@@ -1,0 +1,76 @@
+"""Episodes in parallel processes. An episode's result depends on its job alone, never on who played it or when."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+
+from sim2sim.episode import EpisodeScore
+from sim2sim.player import Player
+from sim2sim.request import Request
+
+Job = tuple[int, int]  # index of the policy, index of the episode
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def default_workers(num_jobs: int) -> int:
+    """One process a core that this one may use, never more than there are jobs."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, num_jobs))
+
+
+def play_all(
+    player: Player, jobs: Sequence[Job], on_done: Callable[[Job, EpisodeScore], None], workers: int
+) -> dict[Job, EpisodeScore]:
+    """Play every job and call `on_done` as each ends. One worker: the given player, in this process."""
+    scores: dict[Job, EpisodeScore] = {}
+    results = _serial(player, jobs) if workers == 1 else _parallel(player.request, jobs, workers)
+    for job, score in results:
+        scores[job] = score
+        on_done(job, score)
+    return scores
+
+
+def _serial(player: Player, jobs: Sequence[Job]) -> Iterator[tuple[Job, EpisodeScore]]:
+    for job in jobs:
+        yield job, player.play(*job)
+
+
+def _parallel(request: Request, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, EpisodeScore]]:
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each(), ProcessPoolExecutor(workers, context, _prepare, (request,)) as pool:
+        futures = {pool.submit(_play, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes started within find the libraries' own threading off; they read these when they are imported."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+_players: list[Player] = []  # the one of this worker process, built once
+
+
+def _prepare(request: Request) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends the workers
+    _players.append(Player(request))
+
+
+def _play(job: Job) -> EpisodeScore:
+    return _players[0].play(*job)

@@ -1,0 +1,81 @@
+"""The scores of an evaluation or of a deployment as a table on the console, with their definitions."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from robot.errors import InputError
+from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
+
+Document = Mapping[str, Any]
+
+
+def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
+    """One row a score, one column a run, the definition at the end of the row; lines joined by newlines."""
+    rows = [("", *names, "unit", "")]
+    if any("outcome" in document for document in documents):
+        rows.append(("outcome", *(str(d.get("fault") or d.get("outcome", "")) for d in documents), "", ""))
+    if any("survival_rate" in document for document in documents):
+        rows.append(("survival", *(_survival(document) for document in documents), "%", _survival_meaning(documents)))
+    for score in SCORES:
+        cells = tuple(format_value(document["metrics"].get(score.key)) for document in documents)
+        rows.append((score.label, *cells, score.unit, score.meaning))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = ["  ".join(_aligned(row, widths)).rstrip() for row in rows]
+    return "\n".join([*lines, AVERAGING])
+
+
+def format_value(value: Mapping[str, float] | None) -> str:
+    """`12.3 ± 0.4`, the mean alone where nothing deviates from it, or a dash for what cannot be known."""
+    if value is None:
+        return "-"
+    digits = 1 if abs(value["mean"]) >= 10 else 3
+    deviation = f" ± {value['std']:.{digits}f}" if value["std"] else ""
+    return f"{value['mean']:.{digits}f}{deviation}"
+
+
+def read_documents(path: Path) -> list[Document]:
+    """The runs in a JSON file of `sim2sim/evaluate` or `deploy/run`. Raises InputError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError("cannot read the scores", where=path, got=error) from error
+    documents = content.get("runs", [content]) if isinstance(content, dict) else []
+    if not documents or not all(isinstance(d, dict) and isinstance(d.get("metrics"), dict) for d in documents):
+        raise InputError("no scores in this file", where=path, expected="JSON of sim2sim/evaluate or deploy/run")
+    return documents
+
+
+def _survival(document: Document) -> str:
+    return f"{100 * document['survival_rate']:.1f}" if "survival_rate" in document else "-"
+
+
+def _survival_meaning(documents: Sequence[Document]) -> str:
+    return SURVIVAL["reference" if documents[0].get("sim") == "reference" else "default"]
+
+
+def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Numbers to the right, words to the left."""
+    last_value = len(row) - 3
+    return [
+        cell.rjust(width) if 0 < column <= last_value else cell.ljust(width)
+        for column, (cell, width) in enumerate(zip(row, widths))
+    ]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the tables of the given JSON files."""
+    try:
+        for name in arguments:
+            documents = read_documents(Path(name))
+            print(format_table(documents, [str(d.get("motion", Path(name).stem)) for d in documents]))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,67 @@
+"""Pictures of played episodes: the robot with its reference shown through, beside the reference alone."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from robot.errors import InputError
+from robot.mjcf import compile_model
+from robot.robot import Robot
+from sim2sim.episode import EpisodeScore
+from sim2sim.evaluation import Evaluation
+from view.filmstrip import filmstrip
+from view.renderer import open_renderer
+from view.video import VideoWriter
+
+PANEL_WIDTH, PANEL_HEIGHT = 480, 480
+STRIP_PICTURES = 8
+
+
+def write_video(path: Path, evaluation: Evaluation) -> None:
+    """The first episode of each policy, one panel each, and the reference in the last. Every second step is shown."""
+    episodes = [run.episodes[0] for run in evaluation.runs if len(run.episodes[0].qpos)]
+    if not episodes:
+        raise InputError("nothing to show: no episode reached the motion", where=path)
+    fps = round(0.5 / evaluation.player.period_s)
+    size = (PANEL_WIDTH * (len(episodes) + 1), PANEL_HEIGHT)
+    with Stage(evaluation.player.robot) as stage, VideoWriter(path, fps, size) as video:
+        for frame in _side_by_side(stage, episodes):
+            video.add(frame)
+
+
+class Stage:
+    """Draws poses of the robot: qpos (7+J) is root position, root quaternion wxyz, joints in the robot's order."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = compile_model(robot, timestep_s=0.001)
+        self._data = mujoco.MjData(self._model)
+        self._renderer = open_renderer(self._model, PANEL_WIDTH, PANEL_HEIGHT)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        self._renderer.close()
+
+    def picture(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
+        """(H,W,3) uint8."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._renderer.render(self._data, ghost_qpos=ghost_qpos)
+
+    def strip(self, episode: EpisodeScore) -> np.ndarray:
+        """Pictures at equal distances through an episode, side by side, the reference shown through: (H,W,3) uint8."""
+        rows = np.linspace(0, len(episode.qpos) - 1, STRIP_PICTURES).round().astype(int)
+        return filmstrip([self.picture(episode.qpos[row], episode.ref_qpos[row]) for row in rows])
+
+
+def _side_by_side(stage: Stage, episodes: Sequence[EpisodeScore]) -> Iterator[np.ndarray]:
+    """An episode that ended early stays at its last pose."""
+    longest = max(episodes, key=lambda episode: len(episode.qpos))
+    for row in range(0, len(longest.qpos), 2):
+        rows = [min(row, len(episode.qpos) - 1) for episode in episodes]
+        panels = [stage.picture(episode.qpos[i], episode.ref_qpos[i]) for episode, i in zip(episodes, rows)]
+        yield np.concatenate([*panels, stage.picture(longest.ref_qpos[row])], axis=1)

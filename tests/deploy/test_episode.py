@@ -1,0 +1,104 @@
+"""Episodes as the evaluation plays them; the authors' released actor against its published scores."""
+
+import numpy as np
+import pytest
+
+from deploy.actors import load_run
+from deploy.episode import Scene, Start, run_episode
+from hal.clock import SimulatedClock
+from hal.open import open_backend
+from motion.metrics import METRIC_KEYS
+from robot.errors import InputError
+from robot.kinematics import Kinematics
+from tests.deploy.toys import ROBOT, SETTINGS, linear_run, write_standing_actor
+from tests.shared_data import SHARED, needs_shared_data
+
+KINEMATICS = Kinematics(ROBOT)
+
+
+def scene(backend, clock, actor, **options):
+    return Scene(ROBOT, KINEMATICS, SETTINGS, backend, clock, actor, **options)
+
+
+@pytest.fixture(scope="module")
+def stand(tmp_path_factory):
+    path = write_standing_actor(tmp_path_factory.mktemp("stand") / "stand.onnx")
+    return load_run(path, None, ROBOT, SETTINGS.entry)
+
+
+def test_reference_start_is_the_first_frame_at_rest_and_the_seed_decides(stand):
+    clock = SimulatedClock()
+    first = []
+
+    def watch(state, result, timer):
+        if not first or first[-1] is None:
+            first.append(state)
+
+    with open_backend("mujoco", ROBOT, clock, band=False) as backend:
+        stage = scene(backend, clock, stand)
+        exact = run_episode(stage, np.random.default_rng(0), observers=[watch])
+        results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in (1, 1, 2)]
+    np.testing.assert_allclose(first[0].truth.joint_pos_rad, stand.reference.joint_pos_rad[0], atol=1e-12)
+    np.testing.assert_array_equal(first[0].truth.joint_vel_rad_s, 0.0)
+    assert exact.outcome == "completed" and exact.steps == exact.num_ticks == 50 and not exact.fell
+    assert exact.track.body_pos_w.shape == exact.reference.body_pos_w.shape == (50, 27, 3)
+    assert tuple(sorted(exact.metrics)) == tuple(sorted(METRIC_KEYS))
+    assert results[0].metrics == results[1].metrics != results[2].metrics
+
+
+def test_from_the_band_to_standing_again(stand):
+    clock = SimulatedClock()
+    with open_backend("mujoco", ROBOT, clock) as backend:
+        result = run_episode(
+            scene(backend, clock, stand, stand=stand), np.random.default_rng(3), start=Start.STAND, start_noise_rad=0.02
+        )
+        assert not backend.band_attached
+    assert (result.outcome, result.fell, result.steps) == ("completed", False, 50)
+    with pytest.raises(InputError, match="stand actor"):
+        run_episode(scene(backend, clock, stand), np.random.default_rng(3), start=Start.STAND)
+
+
+def test_a_fall_ends_the_episode_in_both_simulations(tmp_path):
+    limp = linear_run(tmp_path, seconds=20.0)
+    for sim in ("default", "reference"):
+        clock = SimulatedClock()
+        with open_backend("mujoco", ROBOT, clock, sim=sim, band=False) as backend:
+            stage = scene(backend, clock, limp, report_only=sim == "reference")
+            result = run_episode(stage, np.random.default_rng(0), start_noise_rad=0.02)
+        assert result.fell and result.outcome in ("fell", "tripped")
+        assert result.steps < result.num_ticks
+        assert result.metrics["episode_length_ratio"] == result.steps / result.num_ticks
+
+
+REFERENCE = {
+    "eg_mpbpe_mm": (80.2, 0.25),
+    "empbpe_mm": (23.6, 0.25),
+    "empjpe_mrad": (479.0, 0.08),
+    "empjve_mrad": (51.7, 0.08),
+    "empbve_mm": (2.89, 0.08),
+    "empbae_mm": (1.23, 0.08),
+}
+
+
+@needs_shared_data
+def test_the_released_actor_scores_within_its_reference():
+    """12 noisy starts; the independent evaluator's means."""
+    folder = SHARED / "pbhc"
+    policy = folder / "actor_horse_stance_pose" / "model_50000.onnx"
+    actor = load_run(policy, folder / "Horse-stance_pose.pkl", ROBOT, SETTINGS.entry)
+    assert actor.num_ticks == 348
+    clock, model = SimulatedClock(), SHARED / "robot" / "g1_23dof_reference.xml"
+    with open_backend("mujoco", ROBOT, clock, sim="reference", sim_model=model, band=False) as backend:
+        stage = scene(backend, clock, actor, report_only=True)
+        results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in range(1, 13)]
+    assert not any(result.fell for result in results)
+    assert {result.outcome for result in results} == {"completed"}
+    for name, (mean, share) in REFERENCE.items():
+        assert np.mean([result.metrics[name] for result in results]) == pytest.approx(mean, rel=share), name
+
+
+@needs_shared_data
+def test_a_motion_that_the_actor_needs_and_does_not_carry():
+    policy = SHARED / "pbhc" / "actor_horse_stance_pose" / "model_50000.onnx"
+    with pytest.raises(InputError, match="--motion"):
+        load_run(policy, None, ROBOT, SETTINGS.entry)

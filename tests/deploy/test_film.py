@@ -1,0 +1,55 @@
+"""Frames remembered during a run, drawn afterwards, whole or not at all."""
+
+import numpy as np
+import pytest
+
+from deploy.film import Film, ghost_qpos, state_qpos
+from deploy.recorder import Recorder
+from deploy.safety.guard import Guard
+from deploy.states import StateMachine
+from deploy.tick import Tick
+from robot.errors import InputError
+from robot.mjcf import compile_model
+from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
+
+av = pytest.importorskip("av")
+
+
+def filmed(tmp_path, ticks):
+    run = linear_run(tmp_path, seconds=0.4)
+    machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
+    machine.start_tracking()
+    tick, recorder = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S)), Recorder()
+    film = Film(tmp_path / "run.mp4", recorder, HEIGHT_M, PERIOD_S)
+    for _ in range(ticks):
+        result = tick(state())
+        recorder(state(), result, None)
+        film(state(), result, None)
+    return film, recorder, result
+
+
+def test_every_second_tick_becomes_a_frame(tmp_path):
+    film, _, _ = filmed(tmp_path, 6)
+    assert film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: False)
+    with av.open(str(tmp_path / "run.mp4")) as video:
+        frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+    assert len(frames) == 3 and frames[0].shape == (480, 640, 3) and frames[0].std() > 5
+
+
+def test_stopped_leaves_no_file(tmp_path):
+    film, _, _ = filmed(tmp_path, 6)
+    answers = iter([False, True])
+    assert not film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: next(answers))
+    assert [path.suffix for path in tmp_path.iterdir()] == [".onnx"]
+
+
+def test_the_ghost_is_the_reference_at_this_tick(tmp_path):
+    _, recorder, result = filmed(tmp_path, 3)
+    ghost = ghost_qpos(recorder, result)
+    np.testing.assert_allclose(ghost[7:], ROBOT.default_pos_rad, atol=1e-12)
+    np.testing.assert_allclose(state_qpos(state(), HEIGHT_M)[:7], [0, 0, HEIGHT_M, 1, 0, 0, 0])
+
+
+def test_unusable_video_paths_are_refused_before_the_run(tmp_path):
+    with pytest.raises(InputError, match="mp4"):
+        Film(tmp_path / "run.gif", Recorder(), HEIGHT_M, PERIOD_S)

@@ -1,0 +1,78 @@
+"""What is refused before anything is energised, and with which words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deploy.preflight import Refused, require, run_preflight, table
+from hal.clock import SimulatedClock
+from hal.types import LinkLost, NoState
+from tests.deploy.toys import KNEE, ROBOT, SETTINGS, FakeBackend, linear_run, state, tilted, with_joint
+
+
+def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names):
+    clock = SimulatedClock()
+    backend = FakeBackend(script, clock)
+    info = replace(backend.open(), joint_names=tuple(joint_names))
+    actors = [linear_run(tmp_path)]
+    checks = run_preflight(backend, info, clock, ROBOT, actors, SETTINGS.preflight, at_rest=at_rest)
+    assert "write" not in backend.calls
+    return checks
+
+
+def test_a_healthy_robot_passes_and_the_table_says_what_was_checked(tmp_path):
+    checks = checks_for(tmp_path, [state()])
+    require(checks)
+    text = table(checks)
+    for what in ("joint names", "actor toy", "state age", "temperatures", "gravity", "joint ranges", "watchdog"):
+        assert what in text
+    assert "only the loop can damp" in text
+
+
+UNFIT = [
+    (with_joint("joint_pos_rad", ROBOT.pos_upper_rad[KNEE] + 0.06), "joint ranges: left_knee_joint"),
+    (with_joint("temperature_c", 71.0), "temperatures: hottest left_knee_joint at 71 C"),
+    (state(faults=("motor 3",)), "device faults: motor 3"),
+    (state(imu_quat_wxyz=tilted(0.09)), "gravity and quaternion: 5.2 degrees"),
+    (state(imu_acc_b=np.array([0.0, 0.0, 8.7])), "acceleration at rest: 8.70"),
+    (with_joint("joint_age_s", 0.05), "state age: at most 50.0 ms"),
+    (with_joint("joint_pos_rad", np.nan), "numbers: not finite"),
+    (state(imu_quat_wxyz=np.zeros(4)), "numbers: finite, the quaternion is no rotation"),
+]
+
+
+@pytest.mark.parametrize(("unfit", "says"), UNFIT)
+def test_refuses_with_the_reason(tmp_path, unfit, says):
+    with pytest.raises(Refused, match="preflight refused") as refusal:
+        require(checks_for(tmp_path, [unfit]))
+    assert says in str(refusal.value)
+
+
+def test_gravity_agrees_with_the_quaternion_when_leaning(tmp_path):
+    """A lean forward of 0.2 rad: up in the base frame is (-sin, 0, cos)."""
+    leaning = state(imu_quat_wxyz=tilted(0.2), imu_acc_b=9.81 * np.array([-np.sin(0.2), 0.0, np.cos(0.2)]))
+    require(checks_for(tmp_path, [leaning]))
+
+
+def test_what_is_not_at_rest_is_not_judged_by_gravity(tmp_path):
+    require(checks_for(tmp_path, [state(imu_acc_b=np.zeros(3))], at_rest=False))
+
+
+def test_other_joint_names_are_refused(tmp_path):
+    with pytest.raises(Refused, match="joint names: differ: left_knee_joint, wing_joint"):
+        require(
+            checks_for(
+                tmp_path,
+                [state()],
+                joint_names=["wing_joint" if n == "left_knee_joint" else n for n in ROBOT.joint_names],
+            )
+        )
+
+
+def test_waits_for_the_first_state_but_not_for_ever(tmp_path):
+    require(checks_for(tmp_path, [NoState("not yet")] * 20 + [state()]))
+    with pytest.raises(NoState, match="not yet"):
+        checks_for(tmp_path, [NoState("not yet")])
+    with pytest.raises(LinkLost):
+        checks_for(tmp_path, [LinkLost("gone")])

@@ -1,0 +1,39 @@
+"""Whatever was granted is given back."""
+
+import gc
+import os
+
+import pytest
+
+from deploy.realtime import no_garbage_collection, realtime
+
+
+def test_scheduling_and_cores_are_as_before_also_after_an_error():
+    before = (os.sched_getscheduler(0), os.sched_getaffinity(0))
+    said = []
+    with pytest.raises(RuntimeError), realtime(said.append):
+        raise RuntimeError
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
+    assert len(said) == 3 and all(line.startswith("realtime: ") for line in said)
+
+
+def test_refusals_are_said(monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError(1, "Operation not permitted")
+
+    kept = os.sched_setscheduler
+    monkeypatch.setattr(
+        os,
+        "sched_setscheduler",
+        lambda pid, policy, *rest: refuse() if policy & os.SCHED_FIFO else kept(pid, policy, *rest),
+    )
+    said = []
+    with realtime(said.append):
+        pass
+    assert said[0] == "realtime: no SCHED_FIFO (Operation not permitted)"
+
+
+def test_the_collector_rests_and_returns():
+    with no_garbage_collection():
+        assert not gc.isenabled()
+    assert gc.isenabled()

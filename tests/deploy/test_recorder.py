@@ -1,0 +1,125 @@
+"""Which state is scored against which row, where the reference is laid, and what counts as a fall."""
+
+import numpy as np
+import pytest
+
+from deploy.recorder import Performance, Recorder, align_heading
+from deploy.safety.guard import Guard
+from deploy.states import Mode, StateMachine
+from deploy.tick import Tick
+from hal.types import TrueState
+from motion.metrics import METRIC_KEYS
+from robot.kinematics import Kinematics
+from robot.rotations import yaw_of
+from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
+
+KINEMATICS = Kinematics(ROBOT)
+
+
+def turned(yaw: float) -> np.ndarray:
+    return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+
+
+def truth(position, yaw=0.0, joints=None) -> TrueState:
+    return TrueState(
+        root_pos_w=np.asarray(position, dtype=float),
+        root_quat_wxyz=turned(yaw),
+        root_lin_vel_w=np.zeros(3),
+        root_ang_vel_b=np.zeros(3),
+        joint_pos_rad=ROBOT.default_pos_rad if joints is None else joints,
+        joint_vel_rad_s=np.zeros(ROBOT.num_joints),
+        foot_contact=np.array([True, False]),
+    )
+
+
+@pytest.fixture
+def run(tmp_path):
+    return linear_run(tmp_path, seconds=0.2)
+
+
+def play(run, states):
+    """Feed states as the loop would, the first being the one at which TRACKING starts."""
+    machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
+    machine.start_tracking()
+    tick, recorder = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S)), Recorder()
+    modes = []
+    for reading in states:
+        result = tick(reading)
+        recorder(reading, result, None)
+        modes.append(result.mode)
+    return recorder.performance, modes
+
+
+def test_row_k_is_the_state_after_tick_k(run):
+    states = [state(truth=truth([0.01 * k, 0.0, HEIGHT_M])) for k in range(15)]
+    performance, modes = play(run, states)
+    assert modes.count(Mode.TRACKING) == performance.num_steps == run.num_ticks == 10
+    np.testing.assert_allclose([row[0] for row in performance.root_pos_w], 0.01 * np.arange(1, 11))
+
+
+def test_metrics_of_a_shift_known_by_hand(run):
+    """Standing 30 mm ahead of where it started: 30 mm in the world, 0 relative to the root; half the contacts wrong."""
+    states = [state(truth=truth([2.0, 1.0, HEIGHT_M], yaw=0.5))]
+    ahead = [2.0 + 0.03 * np.cos(0.5), 1.0 + 0.03 * np.sin(0.5), HEIGHT_M]
+    states += [state(truth=truth(ahead, yaw=0.5))] * 12
+    performance, _ = play(run, states)
+    metrics = performance.metrics(KINEMATICS)
+    assert tuple(sorted(metrics)) == tuple(sorted(METRIC_KEYS))
+    assert metrics["eg_mpbpe_mm"] == pytest.approx(30.0, abs=1e-6)
+    for name in ("empbpe_mm", "empjpe_mrad", "empjve_mrad", "empbve_mm", "empbae_mm"):
+        assert metrics[name] == pytest.approx(0.0, abs=1e-6)
+    assert metrics["contact_error"] == 0.5 and metrics["episode_length_ratio"] == 1.0
+
+
+def test_true_joints_are_scored_where_they_are_known(run):
+    off = ROBOT.default_pos_rad.copy()
+    off[3] += 0.03
+    off[4] += 0.04
+    states = [state(truth=truth([0, 0, HEIGHT_M], joints=off), joint_pos_rad=ROBOT.default_pos_rad + 0.1)] * 12
+    assert play(run, states)[0].metrics(KINEMATICS)["empjpe_mrad"] == pytest.approx(50.0, abs=1e-6)
+
+
+def test_without_truth_only_what_can_be_known(run):
+    """Yaw is the IMU's and aligned at the start; the world is not known."""
+    states = [state(imu_quat_wxyz=turned(1.0))] * 12
+    performance, _ = play(run, states)
+    metrics = performance.metrics(KINEMATICS)
+    unknown = {name for name, value in metrics.items() if value is None}
+    assert unknown == {"eg_mpbpe_mm", "empbve_mm", "empbae_mm", "contact_error"}
+    assert metrics["empbpe_mm"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_fall_ends_the_episode_with_the_row_of_the_fall(run):
+    states = [state(truth=truth([0, 0, HEIGHT_M if k < 5 else 0.29])) for k in range(12)]
+    performance, _ = play(run, states)
+    assert performance.fallen_at == 4 and performance.num_steps == 5
+    assert performance.metrics(KINEMATICS)["episode_length_ratio"] == 0.5
+
+
+def test_no_step_no_metrics(run):
+    states = [state(truth=truth([0, 0, HEIGHT_M]))]
+    assert set(play(run, states)[0].metrics(KINEMATICS).values()) == {None}
+
+
+def test_heading_brings_the_first_row_to_the_robot_and_keeps_height_and_shape(run):
+    reference = run.reference
+    heading = align_heading(reference, np.array([3.0, -2.0, 0.5]), turned(2.0))
+    first = heading.points(reference.root_pos_w[0])
+    np.testing.assert_allclose(first, [3.0, -2.0, HEIGHT_M], atol=1e-12)
+    assert yaw_of(heading.rotations(reference.root_quat_wxyz[0])) == pytest.approx(2.0)
+    bodies = heading.points(reference.body_pos_w[0])
+    np.testing.assert_allclose(bodies[:, 2], reference.body_pos_w[0, :, 2], atol=1e-12)
+    size = np.linalg.norm(reference.body_pos_w[0] - reference.body_pos_w[0, :1], axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(bodies - bodies[:1], axis=-1), size, atol=1e-12)
+
+
+def test_a_second_start_is_a_new_performance(run):
+    recorder = Recorder()
+    machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
+    tick = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S))
+    for _ in range(2):
+        machine.start_tracking()
+        for _ in range(14):
+            reading = state(truth=truth([0, 0, HEIGHT_M]))
+            recorder(reading, tick(reading), None)
+    assert isinstance(recorder.performance, Performance) and recorder.performance.num_steps == 10

@@ -1,0 +1,334 @@
+"""Every way between the states, and the ways that do not exist."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deploy.safety.guard import Guard
+from deploy.states import ALLOWED, Mode, Request, StateMachine
+from deploy.tick import Tick
+from hal.types import LinkLost
+from tests.deploy.toys import (
+    GRAVITY_Z,
+    JOINTS,
+    KNEE,
+    PERIOD_S,
+    PHASE,
+    ROBOT,
+    SETTINGS,
+    linear_run,
+    state,
+    tilted,
+    with_joint,
+)
+
+FAST = replace(
+    SETTINGS,
+    stand_up=replace(SETTINGS.stand_up, damping_s=0.04),
+    blend_s=0.1,
+)
+
+
+class Stage:
+    """A machine between its tick and a robot that does nothing by itself."""
+
+    def __init__(self, folder, settings=FAST, *, stand=None, tracked=None):
+        self.stand = stand or linear_run(folder, name="stand")
+        self.tracked = tracked or [linear_run(folder, {(GRAVITY_Z, "left_knee_joint"): -0.1}, name="clip", seconds=0.2)]
+        self.machine = StateMachine(ROBOT, self.stand, self.tracked, settings, PERIOD_S)
+        self.guard = Guard(ROBOT, settings, PERIOD_S)
+        self.tick = Tick(self.machine, self.guard)
+
+    def __call__(self, *requests, reading=None):
+        return self.tick(state() if reading is None else reading, requests)
+
+    def until(self, mode, at_most=200, reading=None):
+        for _ in range(at_most):
+            result = self(reading=reading)
+            if result.mode is mode:
+                return result
+        raise AssertionError(f"stayed in {self.machine.mode}")
+
+    def bring_to(self, mode):
+        """To any state the way an operator would."""
+        if mode is Mode.IDLE:
+            return self
+        self(Request.STAND)
+        if mode is Mode.DAMPING:
+            return self
+        self.until(Mode.STAND_UP)
+        if mode is Mode.STAND_UP:
+            return self
+        self.until(Mode.READY)
+        if mode is Mode.READY:
+            return self
+        self(Request.START)
+        if mode is Mode.HOLD:
+            self.until(Mode.HOLD)
+        return self
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("actors")
+
+
+def test_the_whole_way(folder):
+    stage = Stage(folder)
+    seen = [stage().mode]
+    modes = list(stage(Request.STAND).modes)
+    for _ in range(200):
+        modes += stage().modes
+        if stage.machine.mode is Mode.READY:
+            break
+    modes += stage(Request.START).modes
+    for _ in range(30):
+        modes += stage().modes
+    assert seen == [Mode.IDLE]
+    assert modes == [Mode.DAMPING, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD]
+    assert stage.machine.active is stage.stand
+
+
+def test_nothing_is_sent_in_idle_and_nothing_but_damping_in_damping(folder):
+    stage = Stage(folder)
+    assert stage().command is None
+    assert stage(Request.STAND).command is None
+
+
+@pytest.mark.parametrize(("mode", "request_"), list(itertools.product(Mode, Request)), ids=lambda value: value.name)
+def test_every_request_in_every_state(folder, mode, request_):
+    """What is not in the table changes nothing and says why."""
+    expected = {
+        Request.STAND: {Mode.IDLE: Mode.DAMPING},
+        Request.START: {Mode.READY: Mode.TRACKING, Mode.HOLD: Mode.TRACKING},
+        Request.DAMP: dict.fromkeys(Mode, Mode.DAMPING),
+        Request.QUIT: dict.fromkeys(Mode, Mode.DAMPING),
+        Request.HOLD: {Mode.TRACKING: Mode.HOLD},
+        Request.SWITCH: {m: m for m in (Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD)},
+        Request.ACKNOWLEDGE: {Mode.DAMPING: Mode.DAMPING},
+    }[request_]
+    stage = Stage(folder).bring_to(mode)
+    assert stage.machine.mode is mode
+    result = stage(request_)
+    if mode in expected:
+        assert mode in ALLOWED[request_] and not result.refused
+        assert result.mode is expected[mode]
+    else:
+        assert result.mode is mode
+        assert request_.value in result.refused[0] and mode.name in result.refused[0]
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("why", ["damp", "quit", "fault", "link"])
+def test_stop_and_fault_damp_and_latch_in_every_state_on_the_same_tick(folder, mode, why):
+    stage = Stage(folder).bring_to(mode)
+    if why == "fault":
+        result = stage(reading=state(faults=("overload",)))
+    elif why == "link":
+        result = stage(reading=LinkLost("silent"))
+    else:
+        result = stage(Request(why))
+    assert result.mode is Mode.DAMPING and result.command is None and stage.machine.latched
+    assert (result.fault is None) == (why in ("damp", "quit"))
+    for _ in range(100):
+        assert stage().mode is Mode.DAMPING
+    assert stage(Request.STAND).mode is Mode.DAMPING
+
+
+def test_acknowledge_leads_to_idle_never_straight_up(folder):
+    stage = Stage(folder).bring_to(Mode.TRACKING)
+    stage(reading=state(faults=("overload",)))
+    result = stage(Request.ACKNOWLEDGE)
+    assert result.mode is Mode.IDLE and result.acknowledged and result.fault is None
+    assert stage(Request.START, Request.HOLD).mode is Mode.IDLE
+    assert stage(Request.STAND).mode is Mode.DAMPING
+
+
+def test_a_fault_that_lasts_latches_again_after_acknowledging(folder):
+    stage = Stage(folder).bring_to(Mode.READY)
+    bad = state(faults=("overload",))
+    stage(reading=bad)
+    stage(Request.ACKNOWLEDGE, reading=bad)
+    assert stage(reading=bad).mode is Mode.DAMPING and stage.machine.latched
+
+
+def test_the_first_fault_stays_the_reason(folder):
+    stage = Stage(folder).bring_to(Mode.READY)
+    stage(reading=state(faults=("overload",)))
+    assert stage(reading=LinkLost("silent")).fault.rule == "device_fault"
+
+
+def test_stand_up_starts_limp_at_the_measured_pose_and_rises_slowly(folder):
+    slumped = state(joint_pos_rad=ROBOT.default_pos_rad + 0.4)
+    stage = Stage(folder)
+    stage(Request.STAND, reading=slumped)
+    first = stage.until(Mode.STAND_UP, reading=slumped).command
+    np.testing.assert_array_equal(first.kp, np.zeros(JOINTS))
+    np.testing.assert_array_equal(first.kd, ROBOT.damping_kd)
+    np.testing.assert_array_equal(first.q_rad, slumped.joint_pos_rad)
+    targets, gains = [first.q_rad], [first.kp]
+    while stage.machine.mode is Mode.STAND_UP and len(targets) < 500:
+        followed = state(joint_pos_rad=targets[-1])
+        command = stage(reading=followed).command
+        targets.append(command.q_rad)
+        gains.append(command.kp)
+    targets.pop()  # the stand actor's
+    speed = np.abs(np.diff(targets, axis=0)).max() / PERIOD_S
+    assert 0.7 < speed <= 0.8 + 1e-9
+    share = np.array([kp[KNEE] / ROBOT.kp[KNEE] for kp in gains])
+    assert share[25] == pytest.approx(0.5, abs=0.01) and share[49] < 1.0 and share[51] == 1.0
+    assert (np.diff(share) >= 0).all()
+    np.testing.assert_allclose(targets[-1], ROBOT.default_pos_rad, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bad", "rule"),
+    [
+        (with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.51), "stand_up_error"),
+        (state(imu_quat_wxyz=tilted(0.51)), "stand_up_tilt"),
+    ],
+)
+def test_stand_up_aborts(folder, bad, rule):
+    stage = Stage(folder).bring_to(Mode.STAND_UP)
+    result = stage(reading=bad)
+    assert result.mode is Mode.DAMPING and result.fault.rule == rule and stage.machine.latched
+    assert stage.guard.counts[rule] == 1
+
+
+def test_stand_up_goes_on_just_inside_its_limits(folder):
+    stage = Stage(folder).bring_to(Mode.STAND_UP)
+    leaning = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.49, imu_quat_wxyz=tilted(0.49))
+    assert stage(reading=leaning).mode is Mode.STAND_UP
+
+
+OUTSIDE = [
+    with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.151),
+    state(imu_quat_wxyz=tilted(0.101)),
+    state(imu_ang_vel_b=np.array([0.0, 0.22, 0.22])),
+]
+
+
+@pytest.mark.parametrize("outside", OUTSIDE)
+def test_no_hand_over_outside_the_entry_conditions(folder, outside):
+    stage = Stage(folder).bring_to(Mode.STAND_UP)
+    for _ in range(200):
+        assert stage(reading=outside).mode is Mode.STAND_UP
+    stage.until(Mode.READY)
+    refused = stage(Request.START, reading=outside)
+    assert refused.mode is Mode.READY and refused.refused[0].startswith("start refused: ")
+    assert refused.actor is stage.stand and refused.command is not None
+    assert stage(Request.START).mode is Mode.TRACKING
+
+
+@pytest.mark.parametrize("outside", OUTSIDE)
+def test_after_the_clip_its_actor_goes_on_at_phase_one_until_standing_can_take_over(folder, outside):
+    phase_to_knee = linear_run(folder, {(PHASE, "left_knee_joint"): 0.1}, name="phase", seconds=0.2)
+    stage = Stage(folder, tracked=[phase_to_knee]).bring_to(Mode.TRACKING)
+    stage.until(Mode.HOLD, reading=outside)
+    for _ in range(20):
+        result = stage(reading=outside)
+        assert result.mode is Mode.HOLD and result.actor is phase_to_knee
+        assert result.output.target_rad[KNEE] == pytest.approx(ROBOT.default_pos_rad[KNEE] + 0.1, abs=1e-6)
+    assert stage().actor is stage.stand
+
+
+def test_phase_at_tick_k_and_the_number_of_ticks(folder):
+    """31 frames at 50 fps: 0.6 s, 30 ticks, phase k / 30."""
+    run = linear_run(folder, {(PHASE, "left_knee_joint"): 0.1}, name="phase30", seconds=0.6)
+    assert run.num_ticks == 30
+    stage = Stage(folder, tracked=[run]).bring_to(Mode.READY)
+    results = [stage(Request.START)]
+    while stage.machine.mode is Mode.TRACKING:
+        results.append(stage())
+    asked = [result.output.target_rad[KNEE] - ROBOT.default_pos_rad[KNEE] for result in results[:30]]
+    np.testing.assert_allclose(asked, 0.1 * np.arange(30) / 30, atol=1e-6)
+    assert len(results) == 31 and results[30].mode is Mode.HOLD
+
+
+def test_targets_and_gains_blend_from_what_was_last_sent(folder):
+    """5 ticks of 0.02 s make 0.1 s: a fifth of the way each."""
+    stage = Stage(folder).bring_to(Mode.READY)
+    for _ in range(10):
+        before = stage().command
+    step = -0.1 * -1.0  # weight times projected gravity's z
+    after = [stage(Request.START).command] + [stage().command for _ in range(5)]
+    moved = [(command.q_rad - before.q_rad)[KNEE] for command in after]
+    np.testing.assert_allclose(moved, step * np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.0]), atol=1e-6)
+
+
+def test_gains_blend_too(folder):
+    from deploy.safety.rules import Wish
+
+    stage = Stage(folder).bring_to(Mode.READY)
+    machine = stage.machine
+    machine._sent = Wish(ROBOT.default_pos_rad, 0.5 * ROBOT.kp, 3.0 * ROBOT.kd)
+    command = stage(Request.START).command
+    np.testing.assert_allclose(command.kp, 0.6 * ROBOT.kp)
+    np.testing.assert_allclose(command.kd, 2.6 * ROBOT.kd)
+
+
+def test_each_start_begins_with_an_empty_memory(folder):
+    """The action fed back makes the target grow; a new start makes it small again."""
+    knee_action = 6 + KNEE
+    weights = {(knee_action, "left_knee_joint"): 0.25, (GRAVITY_Z, "left_knee_joint"): -0.01}
+    run = linear_run(folder, weights, name="grows", seconds=0.2)
+    stage = Stage(folder, tracked=[run]).bring_to(Mode.READY)
+
+    def play():
+        results = [stage(Request.START)]
+        while stage.machine.mode is Mode.TRACKING:
+            results.append(stage())
+        return [result.output.action[KNEE] for result in results[:10]]
+
+    first = play()
+    np.testing.assert_allclose(first, 0.04 * np.arange(1, 11), atol=1e-6)
+    stage(Request.START)
+    assert stage.machine.mode is Mode.TRACKING
+    stage.until(Mode.HOLD)
+    assert play() == first
+
+
+def test_switch_selects_the_next_actor_and_start_plays_it(folder):
+    runs = [linear_run(folder, name=name, seconds=0.2) for name in ("one", "two")]
+    stage = Stage(folder, tracked=runs).bring_to(Mode.READY)
+    stage(Request.SWITCH)
+    assert stage(Request.START).actor is runs[1]
+    stage.until(Mode.HOLD)
+    stage(Request.SWITCH)
+    assert stage(Request.START).actor is runs[0]
+
+
+def test_hold_during_the_clip_hands_over_as_soon_as_it_may(folder):
+    stage = Stage(folder).bring_to(Mode.TRACKING)
+    assert stage(Request.HOLD, reading=OUTSIDE[0]).mode is Mode.TRACKING
+    result = stage()
+    assert result.mode is Mode.HOLD and result.actor is stage.stand
+
+
+def test_without_a_stand_actor_the_end_of_the_clip_is_damped(folder):
+    run = linear_run(folder, name="clip", seconds=0.2)
+    machine = StateMachine(ROBOT, None, [run], FAST, PERIOD_S)
+    tick = Tick(machine, Guard(ROBOT, FAST, PERIOD_S))
+    assert tick(state(), [Request.STAND]).refused == ("stand refused: there is no stand actor",)
+    machine.start_tracking()
+    results = [tick(state()) for _ in range(12)]
+    assert results[0].modes == (Mode.TRACKING,)
+    assert [result.mode for result in results].count(Mode.TRACKING) == run.num_ticks == 10
+    assert results[-1].mode is Mode.DAMPING and results[-1].fault is None
+
+
+def test_an_action_that_is_not_a_number_is_never_sent(folder):
+    stage = Stage(folder).bring_to(Mode.TRACKING)
+    stage.machine.active.act = lambda s, lap=None: replace_target(stage, np.nan)
+    result = stage()
+    assert result.command is None and result.fault.rule == "action_not_finite" and result.mode is Mode.DAMPING
+
+
+def replace_target(stage, value):
+    from policy.controller import PolicyOutput
+
+    target = ROBOT.default_pos_rad.copy()
+    target[KNEE] = value
+    return PolicyOutput(target.astype(np.float32), target, ROBOT.kp, ROBOT.kd, {})

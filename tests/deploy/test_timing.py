@@ -1,0 +1,33 @@
+"""Percentiles and laps on known numbers."""
+
+import pytest
+
+from deploy.timing import PhaseTimer, percentiles
+
+
+def test_percentiles_of_known_samples():
+    """0..1000: the value is its own rank."""
+    values = list(range(1000, -1, -1))
+    assert percentiles(values) == pytest.approx({"p50": 500.0, "p99": 990.0, "p999": 999.0, "max": 1000.0})
+
+
+def test_one_sample_and_none():
+    assert percentiles([2.5]) == {"p50": 2.5, "p99": 2.5, "p999": 2.5, "max": 2.5}
+    assert percentiles([]) == {"p50": None, "p99": None, "p999": None, "max": None}
+
+
+def test_laps_add_up_to_the_tick():
+    times = iter([10.0, 10.001, 10.003, 10.006, 20.0, 20.002, 20.004, 20.010])
+    timer = PhaseTimer(lambda: next(times))
+    for age_s in (0.005, None):
+        timer.begin()
+        for phase in ("read", "infer", "write"):
+            timer.lap(phase)
+        timer.end(age_s)
+    report = timer.report()
+    assert report["ticks"] == 2 and report["overruns"] == 0
+    assert report["tick_ms"]["max"] == pytest.approx(10.0) and report["tick_ms"]["p50"] == pytest.approx(8.0)
+    assert report["phases_ms"]["infer"]["p50"] == pytest.approx(2.0)
+    assert report["phases_ms"]["write"]["max"] == pytest.approx(6.0)
+    assert report["state_age_ms"]["max"] == pytest.approx(5.0)
+    assert report["phases_ms"]["guard"]["max"] is None

@@ -1,0 +1,185 @@
+"""Episodes of toy actors through the real loop, safety rules and physics."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motion.clip import save_clip
+from robot.kinematics import Kinematics
+from sim2sim.cli import main
+from sim2sim.evaluation import evaluate, run_names
+from sim2sim.player import Player
+from sim2sim.request import Request
+from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(write_still_actor(tmp_path_factory.mktemp("still") / "actor.onnx"))
+
+
+@pytest.fixture(scope="module")
+def waving(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Lifts an arm that the clip holds still."""
+    path = tmp_path_factory.mktemp("waving") / "actor.onnx"
+    return str(write_still_actor(path, offsets_rad={"left_shoulder_pitch_joint": -0.5}))
+
+
+@pytest.fixture(scope="module")
+def falling(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Folds at hips and ankles."""
+    path = tmp_path_factory.mktemp("falling") / "actor.onnx"
+    offsets = {f"{side}_{joint}_joint": 0.7 for side in ("left", "right") for joint in ("hip_pitch", "ankle_pitch")}
+    return str(write_still_actor(path, 3.0, offsets))
+
+
+@pytest.fixture(autouse=True)
+def draw_in_software(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same everywhere, and quicker than looking for a driver."""
+    monkeypatch.setenv("KATA_RENDERER", "software")
+
+
+def request(*policies: str, **changes: object) -> Request:
+    return replace(Request(policies, start_noise_rad=0.02, episodes=3, seed=5), **changes)
+
+
+def test_same_seed_same_document_and_processes_change_nothing(still: str) -> None:
+    asked = request(still, randomize=True)
+    once = evaluate(Player(asked), workers=1).document()
+    assert evaluate(Player(asked), workers=2).document() == once
+    assert once["metrics"]["empjpe_mrad"]["std"] > 0.0
+    assert evaluate(Player(replace(asked, seed=6)), workers=1).document() != once
+
+
+def test_an_episode_does_not_depend_on_those_before(still: str) -> None:
+    asked = request(still, randomize=True)
+    player = Player(asked)
+    late = [player.play(0, episode) for episode in (0, 1, 2)][2]
+    alone = Player(asked).play(0, 2)
+    assert late.scores == alone.scores
+    np.testing.assert_array_equal(late.qpos, alone.qpos)
+
+
+def test_policies_are_compared_under_the_same_chance(still: str, waving: str) -> None:
+    together = evaluate(Player(request(still, waving, still, randomize=True)), workers=1)
+    first, other, again = together.runs
+    assert first.document == again.document
+    assert other.document["metrics"]["empjpe_mrad"]["mean"] > first.document["metrics"]["empjpe_mrad"]["mean"] + 100.0
+    assert first.document == evaluate(Player(request(still, randomize=True)), workers=1).document()
+    assert list(together.document()) == ["runs"] and len(together.document()["runs"]) == 3
+
+
+def test_scores_agree_with_the_recorded_poses(still: str) -> None:
+    """Forward kinematics of what was recorded against the clip, by hand."""
+    score = Player(request(still)).play(0, 0)
+    clip = standing_clip(0.4)
+    ticks = 20
+    assert score.qpos.shape == (ticks, 7 + ROBOT.num_joints) and score.survived
+    kinematics = Kinematics(ROBOT)
+    done = kinematics.forward(*np.split(score.qpos.astype(np.float64), [3, 7], axis=1)).pos_w
+    wanted = kinematics.forward(clip.root_pos_w[:1], clip.root_quat_wxyz[:1], clip.joint_pos_rad[:1]).pos_w
+    distance_mm = 1e3 * np.sqrt(((done - wanted) ** 2).sum(axis=2))
+    np.testing.assert_allclose(score.body_error_mm, distance_mm, atol=1e-3)
+    assert score.scores["eg_mpbpe_mm"] == pytest.approx(distance_mm.mean(), abs=1e-3)
+    joint_error = score.qpos[:, 7:] - ROBOT.default_pos_rad
+    assert score.scores["empjpe_mrad"] == pytest.approx(1e3 * np.sqrt((joint_error**2).sum(axis=1)).mean(), abs=1e-2)
+    assert score.scores["episode_length_ratio"] == 1.0
+    assert 0.0 <= score.scores["contact_error"] <= 1.0
+
+
+def test_a_fall_ends_the_episode_and_counts(falling: str, still: str) -> None:
+    evaluation = evaluate(Player(request(falling, episodes=2)), workers=1)
+    document = evaluation.document()
+    assert document["survival_rate"] == 0.0
+    assert document["metrics"]["episode_length_ratio"]["mean"] < 1.0
+    assert any("ended early by" in remark for remark in evaluation.remarks())
+    reference = evaluate(Player(request(falling, episodes=2, sim="reference")), workers=1)
+    assert reference.document()["survival_rate"] == 0.0
+    assert not any(episode.survived for episode in reference.runs[0].episodes)
+
+
+def test_conditions_reach_the_simulation() -> None:
+    options = Request(("x",), friction=0.4, delay_s=0.02, push_m_s=0.5, randomize=True).sim_options()
+    assert (options.friction, options.command_delay_s, options.push_speed_m_s) == (0.4, 0.02, 0.5)
+    assert options.randomize and options.timestep_s == 0.001
+    plain = Request(("x",), sim="reference").sim_options()
+    assert (plain.friction, plain.randomize, plain.timestep_s) == (None, False, 0.005)
+
+
+def test_seeds_share_no_episode() -> None:
+    draws = {float(Request(("x",), seed=s).generator(e).normal()) for s in (0, 1, 2) for e in range(50)}
+    assert len(draws) == 150
+
+
+def test_names_of_runs_differ() -> None:
+    assert run_names(["taichi", "a/b/actor.onnx", "taichi"]) == ["taichi (1)", "b/actor.onnx", "taichi (2)"]
+
+
+def test_command_writes_what_it_prints(still: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "scores.json"
+    assert main(["--policy", still, "--episodes", "2", "--start-noise", "0.02", "--json", str(path)]) == 0
+    document = json.loads(path.read_text())
+    mean = document["metrics"]["empbpe_mm"]["mean"]
+    assert f"{mean:.3f}" in capsys.readouterr().out or mean >= 10
+    assert (document["motion"], document["sim"], document["episodes"]) == ("still", "default", 2)
+    assert [file.name for file in tmp_path.iterdir()] == ["scores.json"]
+
+
+def test_report_is_one_file_that_needs_nothing_else(still: str, waving: str, tmp_path: Path) -> None:
+    folder = tmp_path / "report"
+    assert main(["--policy", still, "--policy", waving, "--episodes", "2", "--report", str(folder)]) == 0
+    (file,) = folder.iterdir()
+    page = file.read_text()
+    assert file.name == "report.html"
+    pictures = [base64.b64decode(text) for text in re.findall(r"data:image/png;base64,([^\"]+)", page)]
+    assert len(pictures) == 6 and all(picture.startswith(b"\x89PNG") for picture in pictures)
+    assert "Eq. 21" in page and "http" not in page and "src=" in page and 'src="data:' in page
+
+
+def test_video_shows_every_policy_beside_the_reference(still: str, waving: str, tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    path = tmp_path / "video.mp4"
+    assert main(["--policy", still, "--policy", waving, "--video", str(path)]) == 0
+    with av.open(str(path)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    height, width = frames[0].shape[:2]
+    assert len(frames) == 10 and width == 3 * height
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "--policy"),
+        (["--policy", "nobody"], "nobody"),
+        (["--policy", "STILL", "--episodes", "0"], "--episodes"),
+        (["--policy", "STILL", "--episodes", "two"], "--episodes"),
+        (["--policy", "STILL", "--start-noise", "-1"], "--start-noise"),
+        (["--policy", "STILL", "--friction", "nan"], "--friction"),
+        (["--policy", "STILL", "--sim", "mars"], "--sim"),
+        (["--policy", "STILL", "--sim-model", "nowhere.xml"], "nowhere.xml"),
+        (["--policy", "STILL", "--motion", "nowhere.npz"], "nowhere.npz"),
+        (["--policy", "STILL", "--motion", "OTHER"], "actor tracks"),
+        (["--policy", "STILL", "--json", "nowhere/scores.json"], "--json"),
+        (["--policy", "STILL", "--video", "nowhere/video.mp4"], "--video"),
+        (["--policy", "STILL", "--video", "video.avi"], ".mp4"),
+        (["--policy", "STILL", "--report", "nowhere/report"], "--report"),
+        (["--policy", "STILL", "--fast"], "--fast"),
+    ],
+    ids=lambda value: " ".join(value)[:50] if isinstance(value, list) else "",
+)
+def test_bad_input_is_one_line_and_exit_2(
+    options: list[str], said: str, still: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.npz"
+    save_clip(standing_clip(1.0), other)
+    words = {"STILL": still, "OTHER": str(other)}
+    assert main([words.get(option, option) for option in options]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    assert said in captured.err
+    assert captured.out == ""

@@ -1,0 +1,64 @@
+"""A whole run on the point mass: in the test's process, or in one of its own that can be killed.
+
+python point_mass_run.py RUN_DIR ITERATIONS [resume]
+"""
+
+import io
+import sys
+import time
+from pathlib import Path
+
+import torch
+
+from tests.train.point_mass import PointMassEnv
+from train.checkpoint import Checkpoints
+from train.config import check, compose_document
+from train.interrupt import StopRequest
+from train.learner.build import build_learner
+from train.progress import Progress
+from train.runner import Budget, Runner
+
+SMALL = ("learner.actor_hidden=[32,32]", "learner.critic_hidden=[32,32]", "precision=fp32", "threads=1", "num_envs=16")
+
+
+def small_config(*overrides):
+    return check(compose_document(["motion=none", "train=paper", *SMALL, *overrides]))
+
+
+def make_learner(env, *overrides):
+    return build_learner(small_config(*overrides), env, None)
+
+
+def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpoint_every=5, **options):
+    """A runner whose folder exists; ``options`` go to :class:`Runner`."""
+    torch.set_num_threads(1)
+    run_dir.mkdir(parents=True, exist_ok=True)
+    env = env or PointMassEnv()
+    state = Checkpoints(run_dir).load_newest() if resume else None
+    progress = Progress(run_dir, state["iteration"] if state else 0, console=io.StringIO())
+    budget = Budget(iterations, None, checkpoint_every, options.pop("evaluate_every", None))
+    learner = make_learner(env, *overrides)
+    runner = Runner(env, learner, budget, run_dir, {"motion": "none"}, progress, **options)
+    if state:
+        runner.load_state_dict(state)
+    return runner
+
+
+class SlowEnv(PointMassEnv):
+    """Leaves a killer time to strike."""
+
+    def step(self, actions):
+        time.sleep(0.001)
+        return super().step(actions)
+
+
+if __name__ == "__main__":
+    stop = StopRequest()
+    run = make_runner(
+        Path(sys.argv[1]),
+        int(sys.argv[2]),
+        resume="resume" in sys.argv,
+        env=SlowEnv(),
+        should_stop=lambda: stop.asked,
+    )
+    print(run.run(), run.iteration, flush=True)

@@ -1,0 +1,124 @@
+"""The model-based action: static equilibrium, balance without learning, the same numbers in torch and onnxruntime."""
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from motion.library import open_motion
+from motion.reference import build_reference
+from robot.mjcf import compile_model
+from tests.train.worlds import g1, settings, swaying_reference
+from train.base_action.estimator import ObservedColumns, interpolate
+from train.base_action.feedback import _StanceGeometry
+from train.base_action.feedforward import feedforward_torques
+from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
+from train.environment.factory import build_environment
+
+ACTION_SCALE = 0.25
+
+
+@pytest.fixture(scope="module")
+def standing():
+    robot = g1()
+    return robot, build_reference(open_motion("stand", robot), robot)
+
+
+def test_feedforward_torques_hold_the_robot_on_real_contacts(standing):
+    """Applied open loop in a simulation with contacts, they keep every joint still; without them the robot sags."""
+    robot, reference = standing
+    torque = feedforward_torques(linearization_model(robot), robot, reference)[0]
+    model = compile_model(robot, timestep_s=0.001, actuation="torque")
+
+    def fastest_joint(applied: np.ndarray) -> float:
+        data = mujoco.MjData(model)
+        data.qpos[:] = [*reference.root_pos_w[0], 1, 0, 0, 0, *reference.joint_pos_rad[0]]
+        data.ctrl[:] = applied
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+        return float(np.abs(data.qvel[6:]).max())
+
+    assert fastest_joint(torque) < 0.3
+    assert fastest_joint(np.zeros(robot.num_joints)) > 1.5
+
+
+def test_it_stands_for_six_seconds_without_any_learning(standing):
+    robot, reference = standing
+    base = build_base_action(BaseActionSettings(), robot, reference, ACTION_SCALE)
+    start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
+    rule = {"distance": False, "min_height_m": 0.5, "max_episode_s": 60.0}
+    env = build_environment(
+        settings(start=start, termination=rule), robot, reference, num_envs=16, seed=0, threads=2
+    )
+    observations = env.reset()
+    for _ in range(300):
+        result = env.step(base(observations["actor"]))
+        observations = result.observations
+        assert not result.terminated.any()
+
+
+def test_feedforward_alone_does_not_stand(standing):
+    """What the feedback is for: two ankles are softer than gravity."""
+    robot, reference = standing
+    base = build_base_action(BaseActionSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
+    start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
+    rule = {"distance": False, "min_height_m": 0.5, "max_episode_s": 60.0}
+    env = build_environment(settings(start=start, termination=rule), robot, reference, num_envs=8, seed=0, threads=2)
+    observations, fallen = env.reset(), torch.zeros(8, dtype=torch.bool)
+    for _ in range(200):
+        result = env.step(base(observations["actor"]))
+        observations, fallen = result.observations, fallen | result.terminated
+    assert fallen.float().mean() > 0.5
+
+
+def test_on_the_reference_the_action_is_the_feedforward_target():
+    robot = g1()
+    reference = swaying_reference(robot, 1.0)
+    base = build_base_action(BaseActionSettings(), robot, reference, ACTION_SCALE)
+    columns = ObservedColumns.of(robot)
+    observation = torch.zeros(1, 380)
+    tick, lags = 30, len(columns.measured)
+    for lag in range(lags):
+        row = base.deviation.reference[tick - lag, : columns.measured.shape[1]]
+        observation[0, columns.measured[lag]] = row * base.deviation.scale
+    observation[0, columns.action] = base.deviation.reference[tick, columns.measured.shape[1] :]
+    observation[0, columns.phase] = tick / 50
+    assert base(observation)[0].numpy() == pytest.approx(base.targets[tick].numpy(), abs=1e-4)
+
+
+def test_columns_are_those_of_the_layout():
+    columns = ObservedColumns.of(g1())
+    # actions 23, base_ang_vel 3, dof_pos 23, dof_vel 23 now; ... ; projected_gravity 3, phase 1 now
+    assert columns.action.tolist() == list(range(23))
+    assert columns.phase == 379
+    assert columns.measured[0, :3].tolist() == [376, 377, 378]
+    assert columns.measured[0, 3:6].tolist() == [23, 24, 25]
+
+
+def test_interpolation_is_linear_and_stays_inside():
+    table = torch.tensor([[0.0], [1.0], [4.0]])
+    at = torch.tensor([0.0, 0.25, 0.5, 0.75, 1.0])
+    assert interpolate(table, at)[:, 0].tolist() == [0.0, 0.5, 1.0, 2.5, 4.0]
+
+
+def test_gains_see_a_pure_tilt_through_gravity_and_feet():
+    """A robot that tilts about its stance foot: what the observed gains see equals what the state gains see."""
+    robot = g1()
+    model = linearization_model(robot)
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [0, 0, 0.78, 1, 0, 0, 0]
+    data.qpos[7:] = robot.default_pos_rad
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    geometry = _StanceGeometry.of(model, data, robot, np.array([True, True]))
+    rng = np.random.default_rng(0)
+    gain = rng.normal(size=(23, 2 * model.nv + 23))
+    observed = geometry.observed(gain, np.array([1.0, 0.0, 0.0, 0.0]))
+    # Joints move; the root follows so that the mean stance foot neither moves nor turns.
+    joints = 1e-3 * rng.normal(size=23)
+    turn = -geometry.foot_rotation[:, 6:] @ joints
+    shift = -(geometry.foot[:, 3:6] @ turn + geometry.foot[:, 6:] @ joints)
+    gravity_change = np.cross([0.0, 0.0, -1.0], turn)
+    state = np.concatenate([shift, turn, joints, np.zeros(model.nv), np.zeros(23)])
+    seen = np.concatenate([gravity_change, np.zeros(3), joints, np.zeros(23), np.zeros(23)])
+    assert observed @ seen == pytest.approx(gain @ state, rel=1e-6, abs=1e-9)

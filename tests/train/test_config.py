@@ -1,0 +1,188 @@
+"""What the configuration says, what it refuses, and in which words."""
+
+from dataclasses import fields, is_dataclass
+from typing import get_type_hints
+
+import pytest
+import yaml
+
+from robot.errors import InputError
+from tests.shared_data import SHARED
+from train.config import TrainConfig, check, compose_document, fingerprint, to_yaml, with_budget
+
+
+def config(*overrides):
+    return check(compose_document(["motion=taichi", *overrides]))
+
+
+def rewards(*overrides):
+    return config(*overrides).environment.rewards
+
+
+def test_paper_preset_is_table_8_and_table_6():
+    paper = config("train=paper")
+    learner = paper.learner
+    assert paper.num_envs == 4096
+    assert (learner.horizon, learner.epochs, learner.minibatches, learner.clip) == (24, 5, 4, 0.2)
+    assert (learner.gamma, learner.lam, learner.kl_target, learner.noise_std) == (0.99, 0.95, 0.01, 0.8)
+    assert (learner.learning_rate, learner.entropy_coefficient, learner.max_grad_norm) == (1e-3, 0.01, 1.0)
+    assert learner.actor_hidden == (512, 256, 128) and learner.critic_hidden == (768, 512, 128)
+    weights = {name: term.weight for name, term in paper.environment.rewards.items()}
+    assert weights == {
+        "joint_position": 1.0, "joint_velocity": 1.0, "body_position_lower": 1.0, "body_position_upper": 1.0,
+        "body_rotation": 0.5, "body_velocity": 0.5, "body_angular_velocity": 0.5, "hands_head": 1.6, "feet": 1.0,
+        "max_joint": 1.0, "contact_mask": 0.5, "joint_position_limits_indicator": -10.0,
+        "joint_velocity_limits_indicator": -5.0, "torque_limits_indicator": -5.0, "slippage_squared": -1.0,
+        "feet_contact_force": -0.01, "feet_air_time_indicator": -1.0, "stumble": -2.0, "torque": -1e-6,
+        "action_rate": -0.02, "collision": -30.0, "termination": -200.0,
+    }  # fmt: skip
+    sigma = {name: term.sigma for name, term in paper.environment.rewards.items() if term.sigma}
+    assert sigma == {
+        "joint_position": 0.3, "joint_velocity": 30.0, "body_position_lower": 0.015, "body_position_upper": 0.015,
+        "body_rotation": 0.1, "body_velocity": 1.0, "body_angular_velocity": 15.0, "hands_head": 0.015, "feet": 0.01,
+        "max_joint": 1.0,
+    }  # fmt: skip
+    assert paper.base_action.kind == "none" and paper.environment.observation_noise == {}
+
+
+RELEASED = {  # name in the released file → name here
+    "teleop_contact_mask": "contact_mask", "teleop_max_joint_position": "max_joint", "teleop_vr_3point": "hands_head",
+    "teleop_body_position_feet": "feet", "teleop_body_rotation_extend": "body_rotation",
+    "teleop_body_ang_velocity_extend": "body_angular_velocity", "teleop_body_velocity_extend": "body_velocity",
+    "teleop_joint_position": "joint_position", "teleop_joint_velocity": "joint_velocity", "penalty_torques": "torque",
+    "penalty_action_rate": "action_rate", "feet_air_time": "feet_air_time", "penalty_stumble": "stumble",
+    "penalty_feet_contact_forces": "feet_contact_force", "penalty_slippage": "slippage",
+    "limits_dof_pos": "joint_position_limits", "limits_dof_vel": "joint_velocity_limits",
+    "limits_torque": "torque_limits", "termination": "termination", "collision": "collision",
+}  # fmt: skip
+NOISY = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel")
+
+
+def test_release_preset_is_the_authors_file():
+    path = SHARED / "pbhc" / "actor_horse_stance_pose" / "config.yaml"
+    if not path.exists():
+        pytest.skip(f"the authors' configuration is not there: {path}")
+    released = yaml.safe_load(path.read_text())
+    ours = config("train=pbhc_release")
+    scales = {name: value for name, value in released["rewards"]["reward_scales"].items() if value}
+    scales.pop("teleop_body_position_extend")
+    weights = {name: term.weight for name, term in ours.environment.rewards.items()}
+    assert (weights.pop("body_position_lower"), weights.pop("body_position_upper")) == (1.0, 1.0)
+    assert weights == {RELEASED[name]: value for name, value in scales.items()}
+    noise = released["obs"]["noise_scales"]
+    assert ours.environment.observation_noise == {name: noise[name] for name in NOISY}
+    algorithm = released["algo"]["config"]
+    assert ours.learner.entropy_coefficient == algorithm["entropy_coef"]
+    assert ours.learner.noise_std == algorithm["init_noise_std"]
+    assert ours.environment.penalty_scale.factor == released["rewards"]["reward_penalty_degree"]
+
+
+def unnamed(kind, section, where):
+    """Fields that the composed document does not name: they could not be overridden on the command line."""
+    missing = [f"{where}.{f.name}" for f in fields(kind) if f.name not in section]
+    hints = get_type_hints(kind)
+    nested = [f.name for f in fields(kind) if is_dataclass(hints[f.name]) and f.name in section]
+    return missing + [path for name in nested for path in unnamed(hints[name], section[name], f"{where}.{name}")]
+
+
+@pytest.mark.parametrize("preset", ["default", "paper", "pbhc_release"])
+def test_every_number_stands_in_the_files(preset):
+    document = compose_document(["motion=taichi", f"train={preset}"])
+    document["environment"]["rewards"] = {}
+    assert unnamed(TrainConfig, document, "") == []
+
+
+def test_sigma_sets_are_table_10():
+    names = ("joint_position", "body_position_lower", "body_position_upper", "body_rotation", "hands_head", "max_joint")
+    expected = {
+        "coarse": (0.3, 0.015, 0.015, 0.1, 0.015, 1.0),
+        "medium": (0.1, 0.005, 0.005, 0.03, 0.005, 0.3),
+        "upperbound": (0.08, 0.002, 0.002, 0.4, 0.003, 0.5),
+        "lowerbound": (0.02, 0.0003, 0.0003, 0.02, 0.0003, 0.25),
+    }
+    for name, values in expected.items():
+        fixed = config(f"sigma={name}")
+        assert tuple(fixed.environment.rewards[term].sigma for term in names) == values
+        assert not fixed.environment.adaptive_sigma
+        assert fixed.environment.rewards["feet"].weight == rewards()["feet"].weight
+    assert config().environment.adaptive_sigma
+
+
+def test_contact_mask_can_be_switched_off():
+    assert "contact_mask" in rewards() and "contact_mask" not in rewards("contact_mask=false")
+
+
+@pytest.mark.parametrize("preset", ["default", "paper", "pbhc_release"])
+def test_resolved_document_means_the_same_again(preset):
+    document = compose_document(["motion=taichi", f"train={preset}", "sigma=medium"])
+    assert document["precision"] in ("bf16", "fp32") and document["threads"] >= 1
+    assert check(document) == check(dict(document))
+    assert check(yaml.safe_load(to_yaml(document))) == check(document)
+
+
+def test_fingerprint_follows_the_training_not_the_folder():
+    first, moved, other = (compose_document(["motion=taichi", o]) for o in ("seed=1", "run_dir=elsewhere", "seed=2"))
+    assert fingerprint(first) == fingerprint(moved) != fingerprint(other)
+
+
+def test_paths_may_hold_any_character():
+    strange = r"/tmp/a b=c'd,[e]{f}\g$h.npz"
+    assert check(compose_document([f"motion={strange}"])).motion == strange
+
+
+REFUSED = [
+    ("foo=1", "foo: unknown key, expected one of motion, robot, seed"),
+    ("learner.horizn=1", "learner.horizn: unknown key, expected one of horizon, epochs"),
+    ("+learner.horizn=1", "did you mean horizon?"),
+    ("environment.rewards.feat.weight=1", "environment.rewards.feat: unknown key"),
+    ("+environment.rewards.smile={weight: 1.0}", "environment.rewards.smile: unknown reward term"),
+    ("num_envs=0", "num_envs: too small, got 0, expected at least 1"),
+    ("num_envs=-4", "num_envs: too small, got -4"),
+    ("num_envs=1.5", "num_envs: wrong type, got 1.5, expected a whole number"),
+    ("num_envs=many", "num_envs: wrong type, got 'many'"),
+    ("num_envs=1,2", "unusable override"),
+    ("iterations=0", "iterations: too small"),
+    ("iterations=null", "iterations: no budget"),
+    ("minutes=0", "minutes: not positive"),
+    ("checkpoint_every=0", "checkpoint_every: too small"),
+    ("seed=-1", "seed: too small"),
+    ("threads=0", "threads: too small"),
+    ("sigma=fine", "sigma: unknown choice, got fine, expected one of adaptive, coarse, medium, upperbound, lowerbound"),
+    ("value=matrix", "value: unknown choice, got matrix"),
+    ("precision=int8", "precision: unknown choice"),
+    ("contact_mask=maybe", "contact_mask: wrong type"),
+    ("train=thesis", "Could not find 'train/thesis'"),
+    ("learner.clip=0", "learner.clip: not positive"),
+    ("learner.gamma=1.1", "learner.gamma: out of range"),
+    ("learner.actor_hidden=[]", "learner.actor_hidden"),
+    ("learner.actor_hidden=[64,0]", r"learner.actor_hidden\[1\]: too small"),
+    ("learner.learning_rate=1", "learner.learning_rate: out of range"),
+    ("environment.rewards.feet.sigma=-1", "environment.rewards.feet.sigma"),
+    ("environment.rewards.feet.weight=nan", "environment.rewards.feet.weight: not finite"),
+    ("environment=null", "environment: wrong type"),
+    ("environment.rewards=3", "environment.rewards: wrong type"),
+    ("learner=3", "learner: wrong type"),
+    ("~learner", "learner: missing key"),
+    ("base_action.kind=magic", "base_action.kind: unknown choice, got magic, expected one of lqr, feedforward, none"),
+    ("base_action.knot_ticks=0", "base_action.knot_ticks: too small"),
+    ("nonsense", "unusable override"),
+    ("=3", "unusable override"),
+    ("motion=null", "motion: no motion"),
+]
+
+
+@pytest.mark.parametrize(("override", "message"), REFUSED, ids=[override for override, _ in REFUSED])
+def test_refused_in_one_line(override, message):
+    with pytest.raises(InputError, match=message) as caught:
+        config(override)
+    assert "\n" not in str(caught.value)
+
+
+def test_resume_takes_a_budget_and_nothing_else():
+    document = compose_document(["motion=taichi", "iterations=5"])
+    assert with_budget(document, ["iterations=9", "minutes=2"]) == {**document, "iterations": 9, "minutes": 2}
+    for override in ("seed=2", "motion=stand", "train=paper", "num_envs=3"):
+        with pytest.raises(InputError, match="conflicts with resume"):
+            with_budget(document, [override])
+    with pytest.raises(InputError, match="iterations: wrong type"):
+        check(with_budget(document, ["iterations=many"]))

@@ -1,0 +1,223 @@
+"""The tracking environment: layout, timing, resets, curricula, resuming."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from policy.history import ObservationHistory
+from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
+from robot.errors import InputError
+from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
+from train.environment.curriculum import Curriculum, EpisodeAverage, SurvivalChance
+from train.environment.factory import start_lift_m
+from train.environment.settings import CurriculumSettings, StartSettings
+from train.environment.starts import BIN_TICKS, StartSampler
+from train.environment.tick import ReferenceTable
+from train.simulation.domain import DomainRanges
+
+FIRST_FRAME = {"first_frame": 1.0}
+
+
+def hold(env) -> torch.Tensor:
+    return torch.zeros(env.num_envs, env.num_actions)
+
+
+def test_observation_sizes_are_those_of_the_paper():
+    env = small_env()
+    assert (env.actor_obs_dim, env.critic_obs_dim, env.num_actions) == (380, 630, 23)
+
+
+def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
+    env = small_env(start=FIRST_FRAME)
+    for _ in range(49):
+        result = env.step(hold(env))
+        assert not result.terminated.any() and not result.timed_out.any()
+    result = env.step(hold(env))
+    assert result.timed_out.all() and not result.terminated.any()
+    assert result.final_critic_obs.shape == (env.num_envs, 630)
+    assert env.tick.tolist() == [0] * env.num_envs
+
+
+def test_a_maximal_length_is_a_time_out():
+    env = small_env(start=FIRST_FRAME, termination={"max_episode_s": 0.1})
+    results = [env.step(hold(env)) for _ in range(5)]
+    assert [bool(r.timed_out.all()) for r in results] == [False] * 4 + [True]
+
+
+def test_a_point_too_far_from_its_reference_fails():
+    limit = CONSTANT | {"start": 0.25, "easy": 0.25, "hard": 0.25}
+    env = small_env(start=FIRST_FRAME, error_limit_m=limit)
+    action = hold(env)
+    action[0, 15] = 8.0  # one arm raised by 2 rad, in the first environment only
+    failed = torch.zeros(env.num_envs, dtype=torch.bool)
+    for _ in range(15):
+        failed |= env.step(action).terminated
+    assert failed.tolist() == [True] + [False] * (env.num_envs - 1)
+
+
+def test_rewards_are_weight_times_term_times_period():
+    env = small_env(start=FIRST_FRAME, penalty_scale=CONSTANT | {"start": 0.5, "easy": 0.5, "hard": 0.5})
+    action = hold(env)
+    action[1] = 0.1
+    rewards = dict(zip(env.reward_names, env.step(action).rewards.T, strict=True))
+    assert rewards["contact_mask"].tolist() == pytest.approx([0.5 * 0.02] * env.num_envs)
+    # 23 changes of 0.1: -0.5 * 0.23 * 0.02, halved by the curriculum
+    assert rewards["action_rate"].tolist() == pytest.approx([0.0, -0.5 * 0.23 * 0.02 * 0.5, 0.0, 0.0], abs=1e-9)
+    assert 0.9 * 0.02 < rewards["joint_position"].min() <= 0.02
+    assert rewards["termination"].tolist() == [0.0] * env.num_envs
+
+
+def test_starts_lie_on_the_reference_with_its_velocities():
+    env = small_env(num_envs=64)
+    reference = swaying_reference(g1())
+    ticks = env.start_tick.numpy()
+    assert len(np.unique(ticks)) > 10 and ticks.max() < 50
+    state = env.simulator.state()
+    assert state.joint_pos_rad.numpy() == pytest.approx(reference.joint_pos_rad[ticks], abs=1e-6)
+    moving = ticks > 0
+    assert state.joint_vel_rad_s.numpy()[moving] == pytest.approx(reference.joint_vel_rad_s[ticks][moving], abs=1e-5)
+    assert not state.joint_vel_rad_s.numpy()[~moving].any()
+
+
+def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
+    robot = g1()
+    reference = swaying_reference(robot)
+    lift = start_lift_m(robot, reference).numpy()
+    sole = min(corner[2] for corner in robot.sole_points_m["left_ankle_roll_link"])
+    foot = reference.body_pos_w[:, robot.tracked_index(["left_ankle_roll_link"])[0], 2]
+    assert foot + sole + lift == pytest.approx(np.zeros(len(foot)), abs=1e-9)
+
+
+def test_actor_observations_equal_those_of_the_robot():
+    """What training feeds the network is, from the first tick on, what deployment's history gives."""
+    env = small_env(num_envs=2, start=FIRST_FRAME)
+    group, dims = pbhc_actor_group(), term_dims(23)
+    history = ObservationHistory(group, dims)
+    action = np.zeros(23)
+    generator = torch.Generator().manual_seed(1)
+    for tick in range(12):
+        state = env.simulator.state()
+        now = ObservationInput(
+            base_quat_wxyz=state.root_quat_wxyz[1].numpy().astype(float),
+            base_ang_vel_b=state.root_ang_vel_b[1].numpy().astype(float),
+            joint_pos_rad=state.joint_pos_rad[1].numpy().astype(float),
+            joint_vel_rad_s=state.joint_vel_rad_s[1].numpy().astype(float),
+            last_action=action,
+            phase=np.array([tick / 50]),
+            default_pos_rad=np.asarray(g1().default_pos_rad),
+        )
+        expected = history.push(sample_terms(history.terms, now))
+        assert env.observations.actor()[1].numpy() == pytest.approx(expected, abs=2e-5)
+        sent = 0.1 * torch.randn(2, 23, generator=generator)
+        env.step(sent)
+        action = sent[1].numpy().astype(float)
+
+
+def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
+    noise = {"projected_gravity": 0.2}
+    env = small_env(num_envs=512, start=FIRST_FRAME, observation_noise=noise)
+    gravity = env.observations.actor()[:, -4:-1] - torch.tensor([0.0, 0.0, -1.0])
+    assert 0.19 < gravity.abs().max() <= 0.2
+    assert float(gravity.std()) == pytest.approx(0.4 / np.sqrt(12), rel=0.05)
+    quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
+    env = small_env(start=FIRST_FRAME, observation_noise=noise, randomization_scale=quiet)
+    assert env.observations.actor()[:, -4:-1].tolist() == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
+
+
+def test_a_resumed_environment_continues_to_the_same_numbers():
+    ranges = {"friction": [0.6, 1.1], "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]}
+    changes = {
+        "randomization": ranges,
+        "observation_noise": {"dof_pos": 0.01},
+        "start": {"first_frame": 0.3, "by_failure": 0.3, "joint_noise_rad": 0.02},
+        "push": {"velocity_m_s": 0.2, "interval_s": [0.1, 0.2]},
+    }
+    first, second = small_env(seconds=0.4, **changes), small_env(seconds=0.4, seed=9, **changes)
+    generator = torch.Generator().manual_seed(5)
+    actions = 0.2 * torch.randn(60, 4, 23, generator=generator)
+    for action in actions[:25]:
+        first.step(action)
+    second.load_state_dict(first.state_dict())
+    for action in actions[25:]:
+        a, b = first.step(action), second.step(action)
+        assert torch.equal(a.rewards, b.rewards)
+        assert torch.equal(a.observations["actor"], b.observations["actor"])
+        assert torch.equal(a.observations["critic"], b.observations["critic"])
+        assert a.log == b.log
+
+
+def test_several_clips_share_one_table():
+    robot = g1()
+    short, long = swaying_reference(robot, 0.4), swaying_reference(robot, 1.0)
+    table = ReferenceTable([short, long], [start_lift_m(robot, short), start_lift_m(robot, long)])
+    rows = table.rows(torch.tensor([0, 1, 0]), torch.tensor([3, 50, 99]))
+    expected = [short.joint_pos_rad[3], long.joint_pos_rad[50], short.joint_pos_rad[20]]
+    assert rows.joint_pos_rad.numpy() == pytest.approx(np.array(expected), abs=1e-6)
+    assert rows.phase.flatten().tolist() == pytest.approx([0.15, 1.0, 1.0])
+
+
+def test_starts_favour_phases_whose_starts_failed():
+    generator = torch.Generator().manual_seed(0)
+    starts = StartSampler(StartSettings(by_failure=1.0), torch.tensor([100]), generator)
+    clip = torch.zeros(400, dtype=torch.long)
+    begun = torch.arange(400) % 100
+    for _ in range(20):
+        starts.record(clip, begun, failed=begun // BIN_TICKS == 2)
+    ticks, uniform = starts.draw(torch.zeros(4000, dtype=torch.long))
+    share = float((ticks // BIN_TICKS == 2).float().mean())
+    assert share == pytest.approx(1.1 / 1.4, abs=0.03)
+    assert not uniform.any()
+
+
+def test_a_curriculum_moves_by_its_driver_and_stops_at_its_bounds():
+    limit = Curriculum(CurriculumSettings(1.5, 2.0, 0.3, 0.1, "episode_length", 42.0, 40.0))
+    limit.update(length=41.0, survival=0.0)
+    assert limit.value == 1.5
+    limit.update(length=43.0, survival=0.0)
+    assert limit.value == pytest.approx(1.5 / 1.1)
+    limit.update(length=39.0, survival=0.0)
+    limit.update(length=39.0, survival=0.0)
+    assert limit.value == pytest.approx(1.65)
+    for _ in range(100):
+        limit.update(length=50.0, survival=0.0)
+    assert limit.value == 0.3
+
+
+def test_episode_averages_start_at_the_first_episodes():
+    average = EpisodeAverage()
+    average.update(torch.tensor([10, 30]), torch.tensor([True, False]), window=100)
+    assert (average.length, average.survival) == (20.0, 0.5)
+    average.update(torch.tensor([]), torch.tensor([]), window=100)
+    average.update(torch.tensor([50, 50]), torch.tensor([True, True]), window=4)
+    assert (average.length, average.survival) == (35.0, 0.75)
+
+
+def test_the_chance_to_survive_follows_the_rate_of_failures():
+    chance = SurvivalChance(failures_per_step=0.5)
+    assert chance.over(2) == 0.25
+    for _ in range(2000):
+        chance.update(torch.tensor([False] * 99 + [True]))
+    assert chance.over(100) == pytest.approx(0.99**100, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"rewards": {"no_such_term": {"weight": 1.0}}}, "unknown reward term"),
+        ({"rewards": {"joint_position": {"weight": 1.0}}}, "needs a sigma"),
+        ({"rewards": {}}, "no reward term"),
+        ({"simulation": {"substeps": 0}}, "at least 1"),
+        ({"randomization": {"frictoin": [1, 1]}}, "unknown key"),
+    ],
+)
+def test_bad_settings_are_refused_by_name(changes, text):
+    with pytest.raises(InputError, match=text):
+        settings(**changes)
+
+
+def test_nominal_ranges_change_nothing():
+    assert replace(DomainRanges()) == DomainRanges()
+    env = small_env()
+    assert env.simulator.domain.friction.tolist() == [1.0] * env.num_envs

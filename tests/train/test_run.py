@@ -1,0 +1,145 @@
+"""train/run.py as people start it: exit codes, one error line, a short real training, resumed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motion.clip import save_clip
+from motion.library import open_motion
+from policy.actor import load_actor
+from robot.robot import load_robot
+from train import session
+from train.run import main
+
+RUN = Path(__file__).parents[2] / "train" / "run.py"
+SHORT = ("motion=stand", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
+
+
+def failed(capsys, *arguments, code=2):
+    """Run in this process; return the single error line."""
+    assert main(list(arguments)) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("error: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "motion: no motion"),
+        (("motion=nosuchclip",), "nosuchclip: no such clip"),
+        (("motion=/no/such/clip.npz",), "/no/such/clip.npz"),
+        (("motion=stand", "robot=nosuchrobot"), "nosuchrobot"),
+        (("motion=stand", "num_envs=0"), "num_envs: too small"),
+        (("motion=stand", "nosuchkey=1"), "nosuchkey: unknown key"),
+        (("motion=stand", "run_dir=/etc/hostname/x"), "run_dir: not a writable folder"),
+        (("resume=/no/such/run",), "resume: no such run folder"),
+        (("resume=/tmp", "motion=stand"), "no checkpoint|conflicts"),
+        (("replay=/no/such/dump.pt",), "replay: no such file"),
+        (("replay=/no/such/dump.pt", "seed=1"), "conflicts with replay"),
+    ],
+)
+def test_unusable_input_is_exit_2_and_one_line(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    import re
+
+    assert re.search(message, failed(capsys, *arguments))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_clip_with_nan_or_a_wrong_joint_is_refused(capsys, tmp_path):
+    robot = load_robot()
+    clip = open_motion("stand", robot)
+    path = tmp_path / "clip.npz"
+    save_clip(clip, path)
+    arrays = dict(np.load(path))
+    arrays["joint_pos_rad"] = arrays["joint_pos_rad"].copy()
+    arrays["joint_pos_rad"][3, 2] = np.nan
+    np.savez(path, **arrays)
+    assert "joint_pos_rad" in failed(capsys, f"motion={path}", f"run_dir={tmp_path / 'run'}")
+    arrays["joint_pos_rad"][3, 2] = 0.0
+    arrays["joint_names"] = np.array(["tail_joint", *arrays["joint_names"][1:]])
+    np.savez(path, **arrays)
+    assert "tail_joint" in failed(capsys, f"motion={path}", f"run_dir={tmp_path / 'run'}")
+    assert not (tmp_path / "run").exists()
+
+
+def rows(run_dir):
+    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+    return [{key: value for key, value in row.items() if not key.startswith("time/")} for row in lines]
+
+
+def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    assert main([*SHORT, "iterations=4", f"run_dir={whole}"]) == 0
+    assert main([*SHORT, "iterations=2", f"run_dir={cut}"]) == 0
+    assert main([f"resume={cut}", "iterations=4"]) == 0
+    assert rows(whole) == rows(cut) and len(rows(whole)) == 4
+    assert "completed after 4 iterations" in capsys.readouterr().out
+    summaries = [json.loads((run / "summary.json").read_text()) for run in (whole, cut)]
+    plain = [{k: v for k, v in s.items() if not k.startswith("time/")} for s in summaries]
+    for summary in plain:
+        summary.pop("last_iteration")
+    actors = [load_actor(run / "actor.onnx", load_robot()) for run in (whole, cut)]
+    obs = {"actor_obs": np.linspace(-1, 1, 380, dtype=np.float32)}
+    np.testing.assert_array_equal(actors[0].infer(obs), actors[1].infer(obs))
+    assert plain[0]["samples"] == plain[1]["samples"] == 64
+    assert actors[0].spec.motion.name == "stand"
+    names = {"actor.onnx", "checkpoints", "config.yaml", "curves.png", "metrics.jsonl", "motion.npz", "summary.json"}
+    assert {entry.name for entry in whole.iterdir()} == names | {"tensorboard"}
+    assert main([*SHORT, f"run_dir={whole}"]) == 2
+    assert f"resume={whole} goes on with it" in capsys.readouterr().err
+
+
+def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path):
+    run_dir = tmp_path / "run"
+    # As from a background shell: SIGINT is ignored in what the process inherits.
+    ignoring = 'trap "" INT; exec "$0" "$@"'
+    command = ["sh", "-c", ignoring, sys.executable, "-P", str(RUN), *SHORT, "iterations=100000", f"run_dir={run_dir}"]
+    environment = {**os.environ, "PYTHONPATH": str(RUN.parents[1])}
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 100
+    while process.poll() is None and time.monotonic() < deadline:
+        if (run_dir / "metrics.jsonl").exists() and (run_dir / "metrics.jsonl").read_text().count("\n") >= 2:
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "stopped after" in out and "Traceback" not in err
+    assert (run_dir / "actor.onnx").exists() and json.loads((run_dir / "summary.json").read_text())[
+        "outcome"
+    ] == "stopped"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run"]
+
+
+def test_nan_is_exit_1_with_a_dump_that_can_be_replayed(capsys, tmp_path, monkeypatch):
+    built = session.build_learner
+
+    def poisoned(*arguments):
+        learner = built(*arguments)
+        step = learner.actor.mlp.forward
+        calls = iter(range(3))
+        learner.actor.mlp.forward = lambda x: step(x) if next(calls, None) is not None else step(x) * float("nan")
+        return learner
+
+    monkeypatch.setattr(session, "build_learner", poisoned)
+    run_dir = tmp_path / "run"
+    assert main([*SHORT, "iterations=4", f"run_dir={run_dir}"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    dump = run_dir / "nan_dump_00000001.pt"
+    expected = "error: iteration 1: actions: NaN or infinity in environment 0, 1, 2, 3; to see it again: train/run.py "
+    assert lines == [f"{expected}replay={dump}"]
+    assert main([f"replay={dump}"]) == 0
+    assert capsys.readouterr().out == "recorded: actions; all 3 steps repeated, the environment stayed finite\n"

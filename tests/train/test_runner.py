@@ -1,0 +1,176 @@
+"""Runs: resume to the same numbers, orderly stops, selection of the best actor, NaN dumps."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tests.train.point_mass import PointMassEnv
+from tests.train.point_mass_run import make_runner
+from train.checkpoint import Checkpoints, load_state
+from train.nan_guard import NonFiniteError, replay
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def rows(run_dir):
+    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+    return [{key: value for key, value in row.items() if not key.startswith("time/")} for row in lines]
+
+
+def same(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a if key != "wall_s")
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return torch.equal(a, b) if isinstance(a, torch.Tensor) else bool(np.all(a == b))
+
+
+def spawn(run_dir, iterations, *more):
+    command = [sys.executable, str(Path(__file__).parent / "point_mass_run.py"), str(run_dir), str(iterations), *more]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def wait_for_rows(run_dir, count, process):
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        if (run_dir / "metrics.jsonl").exists() and len((run_dir / "metrics.jsonl").read_text().splitlines()) >= count:
+            return
+        time.sleep(0.01)
+    raise AssertionError("the run did not get there")
+
+
+def test_killed_and_resumed_equals_uninterrupted(tmp_path):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    process = spawn(cut, 10_000)
+    wait_for_rows(cut, 13, process)
+    process.kill()
+    process.wait()
+    killed_after = Checkpoints(cut).load_newest()["iteration"]
+    assert killed_after >= 5
+    make_runner(cut, killed_after + 7, resume=True).run()
+    make_runner(whole, killed_after + 7).run()
+    assert [row["iteration"] for row in rows(cut)] == list(range(1, killed_after + 8))
+    assert rows(cut) == rows(whole)
+    assert same(Checkpoints(cut).load_newest(), Checkpoints(whole).load_newest())
+
+
+def test_resumed_state_is_bit_exact(tmp_path):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    make_runner(whole, 9, "learner.normalize_inputs=true").run()
+    make_runner(parts, 4, "learner.normalize_inputs=true").run()
+    make_runner(parts, 9, "learner.normalize_inputs=true", resume=True, env=PointMassEnv(seed=77)).run()
+    assert same(Checkpoints(whole).load_newest(), Checkpoints(parts).load_newest())
+    assert rows(whole) == rows(parts)
+
+
+def test_keeps_two_checkpoints_and_saves_at_the_end(tmp_path):
+    make_runner(tmp_path, 12, checkpoint_every=3).run()
+    assert [path.name for path in Checkpoints(tmp_path).paths()] == ["iteration_00000009.pt", "iteration_00000012.pt"]
+    assert (tmp_path / "curves.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_saves_when_five_minutes_would_pass(tmp_path, monkeypatch):
+    monkeypatch.setattr("train.runner.CHECKPOINT_INTERVAL_S", 0.0)
+    make_runner(tmp_path, 3, checkpoint_every=1000).run()
+    assert [path.name for path in Checkpoints(tmp_path).paths()] == ["iteration_00000002.pt", "iteration_00000003.pt"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_saves_and_ends_in_order(tmp_path, number):
+    process = spawn(tmp_path, 10_000)
+    wait_for_rows(tmp_path, 3, process)
+    process.send_signal(number)
+    out, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    outcome, iteration = out.split()
+    assert outcome == "stopped"
+    assert Checkpoints(tmp_path).load_newest()["iteration"] == int(iteration) == rows(tmp_path)[-1]["iteration"]
+
+
+def test_ends_after_the_minutes(tmp_path):
+    runner = make_runner(tmp_path, None)
+    object.__setattr__(runner._budget, "minutes", 0.3 / 60.0)
+    assert runner.run() == "completed"
+    assert 0.3 <= runner.wall_s < 5.0
+
+
+class ScriptedEvaluator:
+    """Scores that were decided before."""
+
+    def __init__(self, scores):
+        self.scores, self.seen = list(scores), []
+
+    def evaluate(self, act):
+        self.seen.append(act(torch.ones(1, 7)))
+        return {"score": self.scores.pop(0), "empbpe_mm": 1.0}
+
+
+def test_exports_the_best_judged_weights(tmp_path):
+    evaluator = ScriptedEvaluator([3.0, 1.0, 2.0, 5.0])
+    runner = make_runner(tmp_path, 7, evaluator=evaluator, evaluate_every=2)
+    runner.run()
+    weights = runner.final_weights(judge=True)
+    assert runner.best.iteration == 4 and runner.best.score == 1.0
+    assert torch.equal(runner.actor_with(weights)(torch.ones(1, 7)), evaluator.seen[1])
+    assert len(evaluator.seen) == 4  # the last weights were judged too
+    assert [row["iteration"] for row in rows(tmp_path) if "evaluation/score" in row] == [2, 4, 6]
+
+
+def test_best_survives_a_resume(tmp_path):
+    make_runner(tmp_path, 4, evaluator=ScriptedEvaluator([1.0, 2.0]), evaluate_every=2).run()
+    resumed = make_runner(tmp_path, 6, resume=True, evaluator=ScriptedEvaluator([3.0]), evaluate_every=2)
+    resumed.run()
+    assert resumed.best.iteration == 2 and resumed.best.figures == {"score": 1.0, "empbpe_mm": 1.0}
+
+
+def test_judging_does_not_change_the_training(tmp_path):
+    make_runner(tmp_path / "a", 6).run()
+    make_runner(tmp_path / "b", 6, evaluator=ScriptedEvaluator([1.0, 2.0, 3.0]), evaluate_every=2).run()
+    trained = [{k: v for k, v in row.items() if not k.startswith("evaluation/")} for row in rows(tmp_path / "b")]
+    assert trained == rows(tmp_path / "a")
+
+
+def test_environment_hears_of_each_iteration(tmp_path):
+    env = PointMassEnv()
+    make_runner(tmp_path, 3, env=env).run()
+    assert env.finished_iterations == 3
+
+
+def test_nan_stops_the_run_and_can_be_seen_again(tmp_path):
+    horizon = 24
+    runner = make_runner(tmp_path, 10, env=PointMassEnv(poison=(2 * horizon + 6, 3)))
+    with pytest.raises(NonFiniteError) as caught:
+        runner.run()
+    assert caught.value.env_ids == (3,)
+    assert "iteration 3: rewards: NaN or infinity in environment 3; to see it again:" in str(caught.value)
+    dump = load_state(caught.value.dump.read_bytes(), caught.value.dump)
+    assert dump["group"] == "rewards" and dump["env_ids"] == [3] and len(dump["actions"]) == 6
+    step, error = replay(dump, PointMassEnv(seed=5, poison=(2 * horizon + 6, 3)))
+    assert step == 5 and error.env_ids == (3,)
+    assert replay(dump, PointMassEnv(seed=5)) is None
+
+
+def test_nan_in_weights_is_found_before_the_environment_sees_it(tmp_path):
+    runner = make_runner(tmp_path, 10)
+    with torch.no_grad():
+        runner._learner.actor.mlp.output.bias[1] = float("nan")
+    with pytest.raises(NonFiniteError, match=r"actions: NaN or infinity in environment 0, 1, 2, .* and 8 more"):
+        runner.run()
+
+
+def test_nan_in_a_loss_is_found_before_the_optimiser_uses_it(tmp_path):
+    runner = make_runner(tmp_path, 10)
+    with torch.no_grad():
+        runner._learner.critic.mlp.output.bias[0] = float("inf")
+    with pytest.raises(NonFiniteError, match="iteration 1: loss"):
+        runner.run()
+    assert all(torch.isfinite(p).all() for p in runner._learner.actor.parameters())

@@ -1,0 +1,129 @@
+"""The batched simulator against MuJoCo stepped one robot at a time."""
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from tests.train.worlds import g1
+
+from robot.mjcf import compile_model
+from train.simulation.domain import DomainRanges
+from train.simulation.mujoco_cpu import MujocoCpuSimulator
+
+DEFAULT_Z = 0.78
+
+
+def simulator(ranges: DomainRanges | None = None, num_envs: int = 3, seed: int = 0) -> MujocoCpuSimulator:
+    generator = torch.Generator().manual_seed(seed)
+    return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), generator)
+
+
+def standing(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    qpos = torch.zeros(count, 30)
+    qpos[:, 2], qpos[:, 3] = DEFAULT_Z, 1.0
+    qpos[:, 7:] = torch.tensor(g1().default_pos_rad)
+    return qpos, torch.zeros(count, 29)
+
+
+def test_steps_equal_single_robot_steps():
+    robot, sim = g1(), simulator()
+    qpos, qvel = standing(3)
+    qpos[1, 7] += 0.1
+    sim.reset(torch.arange(3), qpos, qvel)
+    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    targets = torch.tensor(robot.default_pos_rad).float().repeat(3, 1)
+    targets[2, 3] += 0.2
+    for _ in range(5):
+        sim.step(targets)
+    for env in range(3):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[env].double(), qvel[env].double(), targets[env].double()
+        for step in range(20):
+            if step % 4 == 0:
+                data.qacc_warmstart[:] = 0.0
+            mujoco.mj_step(model, data)
+        assert sim.state().joint_pos_rad[env].numpy() == pytest.approx(data.qpos[7:], abs=1e-5)
+        assert sim.state().root_pos_w[env].numpy() == pytest.approx(data.qpos[:3], abs=1e-5)
+
+
+def test_feet_carry_the_weight():
+    sim = simulator(num_envs=1)
+    sim.reset(torch.arange(1), *standing(1))
+    target = torch.tensor(g1().default_pos_rad).float()[None]
+    for _ in range(15):
+        sim.step(target)
+    weight = 33.34114 * 9.81
+    assert float(sim.state().foot_force_w[..., 2].sum()) == pytest.approx(weight, rel=0.1)
+    assert sim.state().body_force_n.max() == 0.0
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02, 0.03, 0.04])
+def test_a_target_acts_after_the_delay(delay_s):
+    """A jump of one target moves its joint only after the delay: compared with a run in which the jump comes late."""
+    robot = g1()
+    default = torch.tensor(robot.default_pos_rad).float()[None]
+    jump = default.clone()
+    jump[0, 15] += 0.5
+    sim = simulator(DomainRanges(delay_s=(delay_s, delay_s)), num_envs=1)
+    sim.reset(torch.arange(1), *standing(1))
+    sim.step(default)
+    for _ in range(3):
+        sim.step(jump)
+    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    data = mujoco.MjData(model)
+    qpos, _ = standing(1)
+    data.qpos[:], data.ctrl[:] = qpos[0].double(), default[0].double()
+    for step in range(16):
+        if step == 4 + round(delay_s / 0.005):
+            data.ctrl[:] = jump[0].double()
+        if step % 4 == 0:
+            data.qacc_warmstart[:] = 0.0
+        mujoco.mj_step(model, data)
+    assert float(sim.state().joint_pos_rad[0, 15]) == pytest.approx(data.qpos[7 + 15], abs=1e-5)
+
+
+def test_domains_differ_and_reach_the_models():
+    ranges = DomainRanges(friction=(0.6, 1.1), kp_scale=(0.9, 1.1), mass_scale=(0.9, 1.1), com_xy_m=0.05)
+    sim = simulator(ranges, num_envs=64)
+    friction = sim.domain.friction
+    assert 0.6 <= friction.min() < 0.7 and 1.0 < friction.max() <= 1.1
+    model, nominal = sim._models[5], sim._nominal_model
+    foot = nominal.body("left_ankle_roll_link").geomadr[0]
+    assert model.geom_friction[foot, 0] == pytest.approx(float(friction[5]), rel=1e-6)
+    assert model.actuator_gainprm[0, 0] == pytest.approx(100.0 * float(sim.domain.kp_scale[5, 0]), rel=1e-6)
+    torso = nominal.body("torso_link").id
+    offset = model.body_ipos[torso] - nominal.body_ipos[torso]
+    assert offset == pytest.approx(sim.domain.com_offset_m[5].numpy(), abs=1e-7)
+    assert model.body_subtreemass[1] == pytest.approx(model.body_mass.sum(), rel=1e-9)
+
+
+def test_scale_zero_is_the_nominal_robot():
+    sim = simulator(DomainRanges(friction=(0.6, 1.1), kp_scale=(0.9, 1.1), mass_scale=(0.9, 1.1)), num_envs=2)
+    sim.set_randomization(0.0)
+    assert np.array_equal(sim._models[1].body_mass, sim._nominal_model.body_mass)
+    assert np.array_equal(sim._models[1].actuator_gainprm, sim._nominal_model.actuator_gainprm)
+
+
+def test_the_same_seed_gives_the_same_numbers_and_state_restores_them():
+    ranges = DomainRanges(friction=(0.6, 1.1), torque_noise=0.05, torque_offset=0.05, delay_s=(0.0, 0.04))
+    target = torch.tensor(g1().default_pos_rad).float().repeat(3, 1)
+
+    def run(sim: MujocoCpuSimulator, steps: int) -> torch.Tensor:
+        for _ in range(steps):
+            sim.step(target)
+        return sim.state().joint_pos_rad
+
+    first, second, restored = simulator(ranges, seed=7), simulator(ranges, seed=7), simulator(ranges, seed=8)
+    for sim in (first, second, restored):
+        sim.reset(torch.arange(3), *standing(3))
+    assert torch.equal(run(first, 3), run(second, 3))
+    restored.load_state_dict(first.state_dict())
+    restored.generator.set_state(first.generator.get_state())
+    assert torch.equal(run(first, 4), run(restored, 4))
+
+
+def test_a_push_adds_velocity():
+    sim = simulator(num_envs=2)
+    sim.reset(torch.arange(2), *standing(2))
+    sim.push(torch.tensor([1]), torch.tensor([[0.3, -0.2]]))
+    assert sim.state().root_lin_vel_w.tolist() == [[0.0, 0.0, 0.0], pytest.approx([0.3, -0.2, 0.0])]

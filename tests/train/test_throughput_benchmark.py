@@ -1,0 +1,59 @@
+"""benchmarks/train_throughput.py as people start it."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "train_throughput.py"
+
+
+def test_a_short_measurement_makes_sense(tmp_path):
+    path = tmp_path / "figures.json"
+    arguments = ("--motion", "stand", "--num-envs", "4", "--seconds", "1", "--json", path)
+    command = [sys.executable, "-P", BENCHMARK, *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert result.returncode == 0, result.stderr
+    figures = json.loads(path.read_text())
+    speeds = {name: figures[f"{name}_env_steps_per_s"] for name in ("physics", "stepping", "loop")}
+    assert all(speed > 0 for speed in speeds.values())
+    for name in ("stepping", "loop"):
+        # Nothing is faster than the physics inside it, by more than the noise of a busy machine.
+        assert 0.0 < figures[f"{name}_over_physics"] <= 1.5
+        assert figures[f"{name}_over_physics"] == pytest.approx(speeds[name] / speeds["physics"], rel=0.02)
+    shares = figures["loop_shares"]
+    assert np.isclose(sum(shares.values()), 1.0) and all(-1e-3 <= share < 1.0 for share in shares.values())
+    assert min(shares[name] for name in ("physics", "kinematics", "rewards", "observations", "learner: update")) > 0.0
+    assert figures["num_envs"] == 4 and figures["turns"] >= 1
+    assert figures["precision"] in ("bf16", "fp32") and f"threads {figures['threads']}" in result.stdout
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.fixture(scope="module")
+def benchmark_main():
+    spec = importlib.util.spec_from_file_location("train_throughput", BENCHMARK)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--seconds", "0"), "--seconds: not a duration"),
+        (("--seconds", "nan"), "--seconds: not a duration"),
+        (("--num-envs", "0"), "num_envs: too small"),
+        (("--motion", "nosuchclip"), "nosuchclip: no such clip"),
+        (("--json", "no/such/folder/figures.json"), "--json no/such/folder/figures.json: no such folder"),
+    ],
+)
+def test_unusable_input_is_exit_2_and_one_line(benchmark_main, capsys, arguments, message):
+    assert benchmark_main(list(arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    assert message in captured.err

@@ -1,0 +1,63 @@
+"""A small real environment for the tests: the G1 on a short clip."""
+
+import numpy as np
+
+from motion.clip import Clip
+from motion.reference import Reference, build_reference
+from robot.robot import Robot, load_robot
+from train.environment.factory import build_environment
+from train.environment.settings import EnvironmentSettings
+from train.environment.tracking import TrackingEnv
+from train.structured import parse
+
+CONSTANT = {"start": 1.0, "easy": 1.0, "hard": 1.0, "factor": 0.0}
+REWARDS = {
+    "joint_position": {"weight": 1.0, "sigma": 0.3},
+    "body_rotation": {"weight": 0.5, "sigma": 0.1},
+    "contact_mask": {"weight": 0.5},
+    "action_rate": {"weight": -0.5, "curriculum": True},
+    "termination": {"weight": -200.0},
+}
+
+
+def g1() -> Robot:
+    return load_robot()
+
+
+def swaying_clip(robot: Robot, seconds: float = 1.0) -> Clip:
+    """The default pose with slowly swaying shoulders, 50 frames per second."""
+    frames = round(seconds * 50) + 1
+    joints = np.tile(robot.default_pos_rad, (frames, 1))
+    joints[:, robot.joint_names.index("left_shoulder_pitch_joint")] += 0.3 * np.sin(np.linspace(0, np.pi, frames))
+    return Clip(
+        fps=50.0,
+        joint_names=robot.joint_names,
+        root_pos_w=np.tile([0.0, 0.0, 0.78], (frames, 1)),
+        root_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
+        joint_pos_rad=joints,
+        contact=np.ones((frames, 2)),
+        source="test",
+        license="Apache-2.0",
+        created_by="test",
+    )
+
+
+def swaying_reference(robot: Robot, seconds: float = 1.0) -> Reference:
+    return build_reference(swaying_clip(robot, seconds), robot)
+
+
+def settings(**changes: object) -> EnvironmentSettings:
+    section = {
+        "rewards": REWARDS,
+        "observation_noise": {},
+        "error_limit_m": CONSTANT | {"start": 2.0, "easy": 2.0, "hard": 2.0},
+        "penalty_scale": CONSTANT,
+        "randomization_scale": CONSTANT,
+    }
+    return parse(EnvironmentSettings, section | changes, "environment")
+
+
+def small_env(num_envs: int = 4, seed: int = 3, seconds: float = 1.0, **changes: object) -> TrackingEnv:
+    robot = g1()
+    reference = swaying_reference(robot, seconds)
+    return build_environment(settings(**changes), robot, reference, num_envs=num_envs, seed=seed, threads=2)

@@ -1,0 +1,1 @@
+"""Training of one tracking policy per clip."""

@@ -1,0 +1,110 @@
+"""The base action as a network layer: it is exported into the same graph as the actor's network."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+import torch
+from torch import nn
+
+from motion.reference import Reference
+from robot.mjcf import compile_model
+from robot.robot import Robot
+from train.base_action.estimator import Deviation, ObservedColumns, interpolate, reference_observation
+from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
+from train.base_action.feedforward import feedforward_torques
+from train.structured import at_least, positive
+
+SUBSTEP_S = 0.005
+
+
+@dataclass(frozen=True)
+class BaseActionSettings:
+    """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
+
+    ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
+    """
+
+    kind: Literal["lqr", "feedforward", "none"] = "lqr"
+    feedback_clip_rad: float = 0.6
+    knot_ticks: int = 10
+
+    def __post_init__(self) -> None:
+        positive("base_action.feedback_clip_rad", self.feedback_clip_rad)
+        at_least("base_action.knot_ticks", self.knot_ticks, 1)
+
+
+class BaseAction(nn.Module):
+    """Raw action (B, J) of the model-based controller for actor observations (B, 380).
+
+    target = feed-forward target(phase) − clip(gains(phase)·deviation), where the deviation from the reference is
+    estimated from the history by :class:`train.base_action.estimator.Deviation`.
+    """
+
+    def __init__(
+        self, deviation: Deviation, phase_column: int, targets: np.ndarray, gains: np.ndarray, feedback_clip: float
+    ) -> None:
+        super().__init__()
+        self.deviation = deviation
+        self._joints, self._width = gains.shape[1:]
+        self._phase_column, self._clip = phase_column, feedback_clip
+        self.register_buffer("targets", torch.tensor(targets).float())
+        self.register_buffer("gains", torch.tensor(gains.reshape(len(gains), -1)).float())
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        phase = observation[:, self._phase_column].clamp(0.0, 1.0)
+        gain = interpolate(self.gains, phase).reshape(-1, self._joints, self._width)
+        # In double: far off the reference the products are large and cancel.
+        deviation = self.deviation(observation, phase).double().unsqueeze(-1)
+        feedback = torch.matmul(gain.double(), deviation).squeeze(-1).float()
+        return interpolate(self.targets, phase) - feedback.clamp(-self._clip, self._clip)
+
+
+def build_base_action(
+    settings: BaseActionSettings, robot: Robot, reference: Reference, action_scale: float
+) -> BaseAction | None:
+    """Compute the base action of a reference; ``None`` where the settings say so. Takes some seconds."""
+    s = settings
+    if s.kind == "none":
+        return None
+    model = linearization_model(robot)
+    torques = feedforward_torques(model, robot, reference)
+    ahead = np.vstack([reference.joint_pos_rad[1:], reference.joint_pos_rad[-1:]])
+    targets = ahead + (torques + robot.kd * reference.joint_vel_rad_s) / robot.kp
+    joints = robot.num_joints
+    gains = np.zeros((2, joints, 6 + 3 * joints))
+    if s.kind == "lqr":
+        gains = feedback_gains(model, robot, reference, targets, FeedbackCosts(), s.knot_ticks)
+        gains = _at_even_phases(gains, reference, s.knot_ticks)
+    raw = (targets - robot.default_pos_rad) / action_scale
+    layout = ObservedColumns.of(robot)
+    deviation = Deviation(layout, reference_observation(robot, reference, np.vstack([raw[:1], raw[:-1]])))
+    # Deviations are in physical units, of the previous action in raw ones; feedback is in raw actions.
+    gains[..., -joints:] *= action_scale
+    return BaseAction(deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale)
+
+
+def linearization_model(robot: Robot) -> mujoco.MjModel:
+    """The robot with weldable feet and without what a linearisation cannot see: contacts, friction, limits."""
+    model = compile_model(
+        robot,
+        timestep_s=SUBSTEP_S,
+        actuation="position",
+        strip_visuals=True,
+        edit=lambda spec: add_stance_welds(spec, robot),
+    )
+    flags = mujoco.mjtDisableBit
+    model.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT | flags.mjDSBL_FRICTIONLOSS
+    model.actuator_forcelimited[:] = 0
+    return model
+
+
+def _at_even_phases(gains: np.ndarray, reference: Reference, stride: int) -> np.ndarray:
+    """Resample gains from every ``stride``-th tick to knots spread evenly over phases 0 to 1."""
+    at = np.linspace(0.0, reference.num_ticks / stride, reference.num_ticks // stride + 1)
+    low = np.minimum(at.astype(int), len(gains) - 2) if len(gains) > 1 else np.zeros(len(at), dtype=int)
+    high = np.minimum(low + 1, len(gains) - 1)
+    weight = np.minimum(at - low, 1.0)[:, None, None]
+    return gains[low] * (1.0 - weight) + gains[high] * weight

@@ -1,0 +1,120 @@
+"""Checkpoints: everything a run is, in one file that is either whole or absent."""
+
+import io
+import os
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from robot.errors import InputError
+
+_ARRAY = "__ndarray__"
+_KEPT = 2
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that a reader sees the old or the new content, whatever happens in between."""
+    partial = path.with_name(f".{path.name}.partial")
+    with partial.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def snapshot(state: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of ``state`` that later changes do not reach; :func:`save_state` takes it like the original."""
+    return _encode(state, "state")
+
+
+def save_state(state: Mapping[str, Any]) -> bytes:
+    """Serialise nested dicts, lists and tuples of tensors, numpy arrays and plain values.
+
+    Raises:
+        TypeError: a value of another type, named by its path.
+    """
+    buffer = io.BytesIO()
+    torch.save(_encode(state, "state"), buffer)
+    return buffer.getvalue()
+
+
+def load_state(content: bytes, source: Path) -> dict[str, Any]:
+    """Inverse of :func:`save_state`. Runs no code from the file. InputError if it cannot be read."""
+    try:
+        state = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
+    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError) as error:
+        foreign = isinstance(error, pickle.UnpicklingError)
+        reason = "more than tensors and plain values" if foreign else f"a damaged file ({type(error).__name__})"
+        raise InputError(
+            "unreadable checkpoint", where=source, got=reason, expected="a file written by train/run.py",
+            hint="delete it to go on from an earlier one",
+        ) from error  # fmt: skip
+    return _decode(state)
+
+
+def _encode(value: Any, where: str) -> Any:
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "biuf":
+            raise TypeError(f"{where}: cannot save an array of {value.dtype}")
+        return {_ARRAY: torch.from_numpy(np.array(value, order="C"))}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {key: _encode(part, f"{where}.{key}") for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        parts = [_encode(part, f"{where}[{i}]") for i, part in enumerate(value)]
+        return parts if isinstance(value, list) else tuple(parts)
+    if isinstance(value, torch.Tensor):
+        return value.detach().clone()  # a view would drag its whole storage into the file
+    if value is None or type(value) in (bool, int, float, str, bytes):
+        return value
+    raise TypeError(f"{where}: cannot save a {type(value).__name__}")
+
+
+def _decode(value: Any) -> Any:
+    if isinstance(value, dict):
+        if value.keys() == {_ARRAY}:
+            return value[_ARRAY].numpy()
+        return {key: _decode(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_decode(part) for part in value)
+    return value
+
+
+class Checkpoints:
+    """The checkpoints of one run folder, newest last; the last two are kept."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._folder = run_dir / "checkpoints"
+
+    def paths(self) -> list[Path]:
+        """Existing checkpoints, oldest first."""
+        return sorted(self._folder.glob("iteration_*.pt"))
+
+    def save(self, iteration: int, state: Mapping[str, Any]) -> Path:
+        """Write a checkpoint, then drop all but the last two."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        path = self._folder / f"iteration_{iteration:08d}.pt"
+        write_atomically(path, save_state(state))
+        for old in self.paths()[:-_KEPT]:
+            old.unlink()
+        return path
+
+    def load_newest(self) -> dict[str, Any]:
+        """The newest checkpoint's state. InputError if there is none or it is unreadable."""
+        paths = self.paths()
+        if not paths:
+            raise InputError(
+                "no checkpoint to resume from", where=self._folder, expected="a run folder with checkpoints",
+                hint="start the run anew",
+            )  # fmt: skip
+        return load_state(paths[-1].read_bytes(), paths[-1])

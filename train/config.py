@@ -1,0 +1,188 @@
+"""The training configuration: composed from configs/train by Hydra, checked whole before any simulation.
+
+``config.environment`` is final: the sigma set is chosen, the contact mask reward removed where it is switched off.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from robot.errors import InputError
+from train.base_action.module import BaseActionSettings
+from train.environment.settings import EnvironmentSettings
+from train.learner.precision import available_cores, resolve_precision
+from train.learner.settings import LearnerSettings
+from train.structured import at_least, parse, positive
+
+CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
+_PATH_KEYS = ("motion", "robot", "run_dir")
+_BUDGET_KEYS = ("iterations", "minutes")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything a run depends on. See configs/train/config.yaml for the meaning of the keys."""
+
+    motion: str
+    robot: str
+    seed: int
+    num_envs: int
+    iterations: int | None
+    minutes: float | None
+    checkpoint_every: int
+    evaluate_every: int | None
+    run_dir: str | None
+    sigma: Literal["adaptive", "coarse", "medium", "upperbound", "lowerbound"]
+    value: Literal["vector", "scalar"]
+    contact_mask: bool
+    precision: Literal["bf16", "fp32"]
+    threads: int
+    learner: LearnerSettings
+    base_action: BaseActionSettings
+    environment: EnvironmentSettings
+
+    def __post_init__(self) -> None:
+        at_least("seed", self.seed, 0)
+        for name in ("num_envs", "checkpoint_every", "threads"):
+            at_least(name, getattr(self, name), 1)
+        for name in ("iterations", "evaluate_every"):
+            if getattr(self, name) is not None:
+                at_least(name, getattr(self, name), 1)
+        if self.minutes is not None:
+            positive("minutes", self.minutes)
+        if self.iterations is None and self.minutes is None:
+            raise InputError("no budget", where="iterations", expected="iterations or minutes (or both)")
+        samples = self.num_envs * self.learner.horizon
+        if samples < 2 * self.learner.minibatches:
+            raise InputError(
+                "too few samples for the minibatches", where="num_envs", got=f"{samples} samples per iteration",
+                expected=f"at least {2 * self.learner.minibatches}",
+            )  # fmt: skip
+
+
+def check(document: Mapping[str, Any]) -> TrainConfig:
+    """Parse a resolved document (see :func:`compose_document`).
+
+    Raises:
+        InputError: an unknown key, a wrong type or an impossible value, named by its full path.
+    """
+    return parse(TrainConfig, document, "")
+
+
+def fingerprint(document: Mapping[str, Any]) -> str:
+    """SHA-256 of the resolved document, run folder left out: equal for equal trainings."""
+    plain = {key: value for key, value in document.items() if key != "run_dir"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
+    """Compose the configuration and resolve what depends on switches and machine; plain data.
+
+    Raises:
+        InputError: an override that Hydra refuses, or a switch with an unknown value.
+    """
+    known = _compose([])
+    paths, others = _split_paths(overrides)
+    document = _compose(others, known) | paths
+    if document.get("motion") is None:
+        raise InputError("no motion", where="motion", expected="motion=NAME or motion=FILE", hint="e.g. motion=taichi")
+    document["precision"] = _resolved_precision(document["precision"])
+    if document["threads"] is None:
+        document["threads"] = available_cores()
+    return _apply_switches(document)
+
+
+def to_yaml(document: Mapping[str, Any]) -> str:
+    """The document as a file for people."""
+    return yaml.safe_dump(dict(document), sort_keys=False, allow_unicode=True)
+
+
+def with_budget(document: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """A resumed run's document with another budget. InputError for any other override."""
+    changed = dict(document)
+    for override in overrides:
+        key, _, text = override.partition("=")
+        if key not in _BUDGET_KEYS:
+            raise InputError(
+                "conflicts with resume", where=key, got=override, expected="resume=RUN_DIR alone, or with "
+                + " or ".join(f"{name}=" for name in _BUDGET_KEYS), hint="a resumed run keeps its configuration",
+            )  # fmt: skip
+        try:
+            changed[key] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError("unreadable value", where=key, got=text, expected="a number") from error
+    return changed
+
+
+def _resolved_precision(wanted: Any) -> str:
+    if wanted not in ("auto", "bf16", "fp32"):
+        raise InputError("unknown choice", where="precision", got=wanted, expected="one of auto, bf16, fp32")
+    return resolve_precision(wanted)
+
+
+def _split_paths(overrides: Sequence[str]) -> tuple[dict[str, str | None], list[str]]:
+    """Keep paths, which may hold any character, away from Hydra's grammar: (path key → value, other overrides)."""
+    paths: dict[str, str | None] = {}
+    others = []
+    for override in overrides:
+        key, sign, value = override.partition("=")
+        if sign and key in _PATH_KEYS:
+            paths[key] = None if value in ("", "null") else value
+        else:
+            others.append(override)
+    return paths, others
+
+
+def _compose(overrides: Sequence[str], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    try:
+        with initialize_config_dir(str(CONFIG_DIR), version_base="1.3", job_name="train"):
+            config = compose("config", overrides=list(overrides))
+        return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
+    except (HydraException, OmegaConfBaseException, ValueError) as error:
+        raise _explained(error, known or {}) from error
+
+
+def _explained(error: Exception, known: Mapping[str, Any]) -> InputError:
+    """Hydra's error as one line."""
+    text = " ".join(str(error).split())
+    for noise in (r"In 'config': ", r" Config search path:.*", r" See https.*"):
+        text = re.sub(noise, "", text)
+    if match := re.search(r"full_key: (\S+)", str(error.__cause__ or error)) or re.search(r"Key '(\S+)' is not", text):
+        key = match.group(1)
+        names = _names_beside(key, known)
+        return InputError("unknown key", where=key, expected=f"one of {', '.join(names)}" if names else None)
+    return InputError("unusable override", where="command line", got=text, expected="KEY=VALUE")
+
+
+def _names_beside(key: str, known: Mapping[str, Any]) -> list[str]:
+    section: Any = known
+    for part in key.split(".")[:-1]:
+        section = section.get(part) if isinstance(section, Mapping) else None
+    return [*section] if isinstance(section, Mapping) else []
+
+
+def _apply_switches(document: dict[str, Any]) -> dict[str, Any]:
+    """Settle the sigma set and the contact mask in the environment section."""
+    sets, sigma, environment = document.pop("sigma_sets"), document["sigma"], document["environment"]
+    choices = ["adaptive", *sets]
+    if sigma not in choices:
+        raise InputError("unknown choice", where="sigma", got=sigma, expected="one of " + ", ".join(choices))
+    if not isinstance(environment, Mapping) or not isinstance(environment.get("rewards"), Mapping):
+        return document  # refused by check()
+    rewards = {name: term for name, term in environment["rewards"].items() if term is not None}
+    if document["contact_mask"] is False:
+        rewards.pop("contact_mask", None)
+    if sigma != "adaptive":
+        fixed = {name: {**rewards[name], "sigma": value} for name, value in sets[sigma].items() if name in rewards}
+        rewards, environment = rewards | fixed, {**environment, "adaptive_sigma": False}
+    return {**document, "environment": {**environment, "rewards": rewards}}

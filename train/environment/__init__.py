@@ -1,0 +1,1 @@
+"""The tracking environment: terms, curricula and the step that joins them."""

@@ -1,0 +1,111 @@
+"""What the environment can be told: checked at construction, before any simulation."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from robot.errors import InputError
+from train.environment.rewards import DIRECT, TRACKING
+from train.simulation.domain import DomainRanges
+from train.structured import at_least
+
+
+@dataclass(frozen=True)
+class RewardTerm:
+    """Weight of one reward term; ``sigma`` for tracking terms; ``curriculum``: scaled by the penalty curriculum."""
+
+    weight: float
+    sigma: float | None = None
+    curriculum: bool = False
+
+
+@dataclass(frozen=True)
+class CurriculumSettings:
+    """A value that moves by ``factor`` per step between bounds while the driver allows it.
+
+    ``driver``: ``always`` (one way), ``episode_length`` (mean length in steps of the last 10,000 episodes) or
+    ``survival`` (chance to survive the whole clip at the present rate of failures). Above ``harder_above`` the value
+    moves towards ``hard``; below ``easier_below`` back towards ``easy``.
+    """
+
+    start: float
+    easy: float
+    hard: float
+    factor: float
+    driver: Literal["always", "episode_length", "survival"] = "always"
+    harder_above: float = 0.0
+    easier_below: float = 0.0
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """Where episodes begin: shares of the first frame and of phases weighted by failure; the rest is uniform.
+
+    Noise is the standard deviation of normals added to a start state; ``first_frame_at_rest`` zeroes velocities there.
+    """
+
+    first_frame: float = 0.0
+    by_failure: float = 0.0
+    joint_noise_rad: float = 0.0
+    tilt_noise_rad: float = 0.0
+    velocity_noise: float = 0.0
+    first_frame_at_rest: bool = True
+
+
+@dataclass(frozen=True)
+class PushSettings:
+    """Horizontal pushes: a velocity drawn from ±velocity_m_s in x and y, every interval drawn from interval_s."""
+
+    velocity_m_s: float = 0.0
+    interval_s: tuple[float, float] = (5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class TerminationSettings:
+    """Failure: tilt (norm of the horizontal projected gravity), distance of any point, pelvis height."""
+
+    tilt: float = 0.75
+    distance: bool = True
+    min_height_m: float = 0.0
+    max_episode_s: float = 20.0
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """Physics steps per control step, and whether joints keep their friction loss."""
+
+    substeps: int = 4
+    joint_friction: bool = True
+
+
+@dataclass(frozen=True)
+class EnvironmentSettings:
+    """The environment section of the training configuration."""
+
+    rewards: dict[str, RewardTerm]
+    observation_noise: dict[str, float]
+    error_limit_m: CurriculumSettings
+    penalty_scale: CurriculumSettings
+    randomization_scale: CurriculumSettings
+    sigma_alpha: float = 1e-3
+    adaptive_sigma: bool = True
+    torque_soft_factor: float = 0.85
+    penalty_step_max: float | None = None
+    start: StartSettings = field(default_factory=StartSettings)
+    push: PushSettings = field(default_factory=PushSettings)
+    termination: TerminationSettings = field(default_factory=TerminationSettings)
+    randomization: DomainRanges = field(default_factory=DomainRanges)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+
+    def __post_init__(self) -> None:
+        known = TRACKING.keys() | DIRECT.keys()
+        for name, term in self.rewards.items():
+            if name not in known:
+                raise InputError("unknown reward term", where=f"environment.rewards.{name}", expected=sorted(known))
+            if name in TRACKING and not (term.sigma and term.sigma > 0):
+                raise InputError(
+                    "a tracking term needs a sigma", where=f"environment.rewards.{name}.sigma", got=term.sigma,
+                    expected="a positive number",
+                )  # fmt: skip
+        if not self.rewards:
+            raise InputError("no reward term", where="environment.rewards")
+        at_least("environment.simulation.substeps", self.simulation.substeps, 1)

@@ -1,0 +1,130 @@
+"""Everything that a reward, a termination or an observation may look at after one control step."""
+
+from dataclasses import dataclass
+
+import torch
+
+from motion.reference import Reference
+from robot.kinematics import BodyState
+from robot.robot import Robot
+from train.simulation.simulator import PhysicsState
+
+
+@dataclass(frozen=True)
+class ReferenceRows:
+    """The reference at one tick per environment; the shapes of :class:`motion.reference.Reference` with B rows."""
+
+    joint_pos_rad: torch.Tensor
+    joint_vel_rad_s: torch.Tensor
+    root_pos_w: torch.Tensor
+    root_quat_wxyz: torch.Tensor
+    root_lin_vel_w: torch.Tensor
+    root_ang_vel_w: torch.Tensor
+    body_pos_w: torch.Tensor
+    body_quat_wxyz: torch.Tensor
+    body_lin_vel_w: torch.Tensor
+    body_ang_vel_w: torch.Tensor
+    contact: torch.Tensor
+    phase: torch.Tensor
+    lift_m: torch.Tensor
+
+
+class ReferenceTable:
+    """References of one or more clips as one float32 table, gathered with a single index per step.
+
+    Args:
+        references: one per clip; environments carry a clip index and a tick.
+        lift_m: per clip (K+1,), how far a start state is raised so that its lowest sole corner touches the ground.
+    """
+
+    def __init__(self, references: list[Reference], lift_m: list[torch.Tensor]) -> None:
+        self.num_ticks = torch.tensor([reference.num_ticks for reference in references])
+        lengths = self.num_ticks + 1
+        self._first_row = torch.cumsum(lengths, 0) - lengths
+        names = [name for name in ReferenceRows.__dataclass_fields__ if name != "lift_m"]
+        columns = {
+            name: torch.cat([torch.tensor(getattr(reference, name)).float() for reference in references])
+            for name in names
+        } | {"lift_m": torch.cat(lift_m).float()}
+        self._shapes = {name: column.shape[1:] for name, column in columns.items()}
+        self._table = torch.cat([column.reshape(len(column), -1) for column in columns.values()], dim=1)
+
+    def rows(self, clip: torch.Tensor, tick: torch.Tensor) -> ReferenceRows:
+        """Return the rows of ticks (B,) of clips (B,); ticks beyond the end give the last row."""
+        index = self._first_row[clip] + torch.minimum(tick, self.num_ticks[clip])
+        row = self._table.index_select(0, index)
+        sizes = [shape.numel() for shape in self._shapes.values()]
+        parts = row.split(sizes, dim=1)
+        return ReferenceRows(*(part.reshape(-1, *shape) for part, shape in zip(parts, self._shapes.values())))
+
+
+@dataclass(frozen=True)
+class RobotLimits:
+    """Soft limits of the joints and the groups of tracked points, as tensors."""
+
+    pos_lower_rad: torch.Tensor
+    pos_upper_rad: torch.Tensor
+    vel_rad_s: torch.Tensor
+    torque_nm: torch.Tensor
+    kp: torch.Tensor
+    kd: torch.Tensor
+    default_pos_rad: torch.Tensor
+    lower: torch.Tensor
+    upper: torch.Tensor
+    hands_head: torch.Tensor
+    feet: torch.Tensor
+
+    @classmethod
+    def of(cls, robot: Robot, *, torque_factor: float) -> "RobotLimits":
+        """Collect the soft limits of ``robot``; torque is limited at ``torque_factor`` of the hard limit."""
+        lower, upper = robot.soft_pos_limits_rad()
+
+        def tensor(values: object) -> torch.Tensor:
+            return torch.tensor(values).float()
+
+        def points(names: tuple[str, ...]) -> torch.Tensor:
+            return torch.as_tensor(robot.tracked_index(names))
+
+        return cls(
+            pos_lower_rad=tensor(lower),
+            pos_upper_rad=tensor(upper),
+            vel_rad_s=tensor(robot.vel_limit_rad_s * robot.soft_limit_factor),
+            torque_nm=tensor(robot.torque_limit_nm * torque_factor),
+            kp=tensor(robot.kp),
+            kd=tensor(robot.kd),
+            default_pos_rad=tensor(robot.default_pos_rad),
+            lower=points(robot.lower_tracked),
+            upper=points(robot.upper_tracked),
+            hands_head=points(robot.hand_head_tracked),
+            feet=points(robot.feet),
+        )
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One control step of B environments, after physics and before resets.
+
+    Attributes:
+        physics: state of root and joints, contact forces.
+        bodies: world poses and velocities of the tracked points.
+        reference: the row that this state is compared with.
+        action, last_action: (B, J) raw actions of this and the step before.
+        torque_nm: (B, J) PD torque at the end of the step, before disturbance.
+        contact: (B, 2) whether each foot is pressed on anything by more than 1 N.
+        first_contact: (B, 2) whether that contact is new.
+        air_time_s: (B, 2) time in the air up to this step.
+        terminated: (B,) whether the episode has failed in this step.
+        limits: the robot's soft limits.
+    """
+
+    physics: PhysicsState
+    bodies: BodyState
+    reference: ReferenceRows
+    action: torch.Tensor
+    last_action: torch.Tensor
+    torque_nm: torch.Tensor
+    contact: torch.Tensor
+    first_contact: torch.Tensor
+    air_time_s: torch.Tensor
+    terminated: torch.Tensor
+    limits: RobotLimits

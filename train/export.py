@@ -1,0 +1,154 @@
+"""Actor → one self-describing ONNX file, proven before it appears.
+
+The graph is the mean action with base and normaliser in fp32.
+"""
+
+import copy
+import hashlib
+import io
+import os
+import subprocess
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import onnxruntime
+import torch
+
+from motion.clip import Clip, clip_to_bytes
+from motion.reference import joint_columns
+from policy.metadata import write_metadata
+from policy.observation import pbhc_actor_group
+from policy.spec import ActorSpec, MotionInfo
+from robot.robot import Robot
+from train.checkpoint import write_atomically
+from train.environment.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
+from train.learner.networks import Actor
+
+TOLERANCE = 1e-5
+_OPSET = 17
+_CODE = Path(__file__).resolve().parents[1]
+
+
+class ExportError(RuntimeError):
+    """The exported graph does not compute what the actor computes."""
+
+
+def deployed(actor: Actor) -> Actor:
+    """A copy of the actor as it will be exported: everything in fp32, no gradients."""
+    twin = copy.deepcopy(actor).eval().requires_grad_(False)
+    twin.mlp.low_precision = False
+    return twin
+
+
+def actor_spec(robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any]) -> ActorSpec:
+    """What the file says about the actor; joints in the robot's order."""
+    start = clip.joint_pos_rad[0, joint_columns(clip, robot)]
+    motion = MotionInfo(
+        name=motion_name,
+        fps=clip.fps,
+        num_frames=clip.num_frames,
+        duration_s=clip.duration_s,
+        sha256=clip.sha256,
+        root_height_m=float(clip.root_pos_w[0, 2]),
+        start_joint_pos_rad=start,
+    )
+    return ActorSpec(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        default_pos_rad=robot.default_pos_rad,
+        kp=robot.kp,
+        kd=robot.kd,
+        action_scale=np.full(robot.num_joints, ACTION_SCALE),
+        action_clip=ACTION_CLIP,
+        control_period_s=CONTROL_PERIOD_S,
+        observations=(pbhc_actor_group(),),
+        history_start="zeros",
+        motion=motion,
+        provenance=dict(provenance),
+    )
+
+
+def code_version() -> str:
+    """The commit of the code, with ``-dirty`` for uncommitted changes; ``unknown`` outside a clone."""
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=_CODE, capture_output=True, text=True, timeout=10, check=False,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+    return done.stdout.strip() or "unknown"
+
+
+def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path, seed: int = 0) -> str:
+    """Write the actor to ``path``, which appears only when it is proven and complete; return the file's SHA-256.
+
+    Raises:
+        ExportError: torch and onnxruntime differ by more than 1e-5 (relative to the largest action above 1).
+    """
+    twin = deployed(actor)
+    group = spec.observations[0].name
+    graph = to_onnx(twin, group)
+    verify(twin, graph, group, seed)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.onnx")
+    try:
+        write_atomically(partial, graph)
+        write_metadata(partial, spec, clip_to_bytes(clip))
+        content = partial.read_bytes()
+        verify(twin, content, group, seed)
+        write_atomically(path, content)
+    finally:
+        partial.unlink(missing_ok=True)
+    return hashlib.sha256(content).hexdigest()
+
+
+def to_onnx(actor: Actor, input_name: str) -> bytes:
+    """The graph as bytes: input (n, Da) of that name, output ``action`` (n, J)."""
+    buffer = io.BytesIO()
+    example = torch.zeros(1, _input_size(actor))
+    with warnings.catch_warnings():
+        # The tracing exporter is deprecated in favour of one that needs onnxscript; torch is pinned.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            actor, (example,), cast(Any, buffer), dynamo=False, opset_version=_OPSET, input_names=[input_name],
+            output_names=["action"], dynamic_axes={input_name: {0: "batch"}, "action": {0: "batch"}},
+        )  # fmt: skip
+    return buffer.getvalue()
+
+
+def verify(actor: Actor, graph: bytes, input_name: str, seed: int = 0) -> float:
+    """Compare the graph with the actor on random and extreme inputs; return the largest difference.
+
+    Raises:
+        ExportError: it exceeds 1e-5 (relative to the sample's largest action, where that is above 1).
+    """
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    differences = []
+    for obs in _probes(_input_size(actor), seed):
+        with torch.no_grad():
+            wanted = actor(obs).numpy()
+        got = np.concatenate([session.run(None, {input_name: row[None].numpy()})[0] for row in obs])
+        scale = np.maximum(1.0, np.abs(wanted).max(axis=1, keepdims=True))
+        differences.append(np.abs(got - wanted) / scale)
+    worst = float(np.concatenate(differences).max())  # NaN if any is
+    if not worst <= TOLERANCE:
+        raise ExportError(f"exported graph differs from the actor by {worst:.3g}, allowed {TOLERANCE:g}")
+    return worst
+
+
+def _input_size(actor: Actor) -> int:
+    return actor.mlp.input_size
+
+
+def _probes(size: int, seed: int) -> list[torch.Tensor]:
+    """Inputs (n, size): usual, wide, at the clip, one-hot, zero."""
+    generator = torch.Generator().manual_seed(seed)
+    usual = torch.randn(32, size, generator=generator)
+    extreme = torch.sign(torch.randn(8, size, generator=generator)) * 100.0
+    hot = torch.eye(size)[torch.randperm(size, generator=generator)[:16]] * 100.0
+    return [usual, 10.0 * usual, extreme, hot, torch.zeros(1, size)]

@@ -1,0 +1,1 @@
+"""PPO with one value head per reward term."""

@@ -1,0 +1,46 @@
+"""Networks, storage and learner from the configuration."""
+
+import torch
+from torch import nn
+
+from train.config import TrainConfig
+from train.interface import TrackingEnv
+from train.learner.networks import Actor, Critic, Mlp, Normalizer
+from train.learner.ppo import Ppo
+from train.learner.storage import Sizes, Storage
+
+_STREAMS = {"actor": 101, "critic": 102, "noise": 103, "shuffle": 104}
+
+
+def _generator(seed: int, stream: str) -> torch.Generator:
+    """One independent stream per purpose."""
+    return torch.Generator().manual_seed(1000 * seed + _STREAMS[stream])
+
+
+def build_learner(config: TrainConfig, env: TrackingEnv, base: nn.Module | None) -> Ppo:
+    """A learner that fits ``env``. Same configuration, same initial weights."""
+    settings = config.learner
+    heads = len(env.reward_names) if config.value == "vector" else 1
+
+    def mlp(inputs: int, hidden: tuple[int, ...], outputs: int, stream: str, gain: float) -> Mlp:
+        return Mlp(
+            inputs, hidden, outputs, activation=settings.activation, generator=_generator(config.seed, stream),
+            output_gain=gain, precision=config.precision,
+        )  # fmt: skip
+
+    def normalizer(size: int) -> Normalizer | None:
+        return Normalizer(size) if settings.normalize_inputs else None
+
+    low, high = settings.noise_std_range
+    actor_mlp = mlp(env.actor_obs_dim, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
+    critic_mlp = mlp(env.critic_obs_dim, settings.critic_hidden, heads, "critic", 1.0)
+    sizes = Sizes(settings.horizon, env.num_envs, env.actor_obs_dim, env.critic_obs_dim, env.num_actions, heads)
+    input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
+    return Ppo(
+        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(env.actor_obs_dim)),
+        Critic(critic_mlp, normalizer(env.critic_obs_dim)),
+        Storage(sizes, input_dtype, torch.device("cpu")),
+        settings,
+        noise=_generator(config.seed, "noise"),
+        shuffle=_generator(config.seed, "shuffle"),
+    )

@@ -1,0 +1,157 @@
+"""Actor and critic: plain MLPs whose hidden layers may run in bf16 and whose output layers stay in fp32."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU}
+
+
+def _linear(inputs: int, outputs: int, generator: torch.Generator, gain: float = 1.0) -> nn.Linear:
+    """A layer drawn from ``generator``: weights and bias uniform in ±gain/sqrt(inputs)."""
+    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
+    bound = gain / math.sqrt(inputs)
+    with torch.no_grad():
+        for parameter in layer.parameters():
+            parameter.uniform_(-bound, bound, generator=generator)
+    return layer
+
+
+class Mlp(nn.Module):
+    """Hidden layers and a linear output (..., outputs).
+
+    Args:
+        inputs: size of the input.
+        hidden: sizes of the hidden layers.
+        outputs: size of the output.
+        activation: ``elu`` or ``silu``.
+        generator: source of the initial weights.
+        output_gain: factor on the initial output layer; small starts near zero.
+        precision: ``bf16`` or ``fp32``, of the hidden layers.
+    """
+
+    def __init__(
+        self,
+        inputs: int,
+        hidden: Sequence[int],
+        outputs: int,
+        *,
+        activation: str,
+        generator: torch.Generator,
+        output_gain: float = 1.0,
+        precision: str = "fp32",
+    ) -> None:
+        super().__init__()
+        self.input_size = inputs
+        sizes = [inputs, *hidden]
+        layers: list[nn.Module] = []
+        for size, following in pairwise(sizes):
+            layers += [_linear(size, following, generator), ACTIVATIONS[activation]()]
+        self.hidden = nn.Sequential(*layers)
+        self.output = _linear(sizes[-1], outputs, generator, output_gain)
+        self.low_precision = precision == "bf16"
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., inputs) → (..., outputs) float32."""
+        if self.low_precision:
+            with torch.autocast(x.device.type, torch.bfloat16):
+                x = self.hidden(x)
+            x = x.float()
+        else:
+            x = self.hidden(x)
+        return self.output(x)
+
+
+class Normalizer(nn.Module):
+    """Running mean and standard deviation of inputs (..., n); the identity until the first update.
+
+    It is updated between rollout and learner only, so that both see the same numbers.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Normalise x."""
+        return (x - self.mean) / torch.sqrt(self.variance + 1e-4)
+
+    @torch.no_grad()
+    def update(self, x: Tensor) -> None:
+        """Take in samples x (n, size): the pooled mean and variance of everything seen."""
+        fresh = x.shape[0]
+        share = fresh / (float(self.count) + fresh)
+        delta = x.mean(dim=0) - self.mean
+        within = (1.0 - share) * self.variance + share * x.var(dim=0, unbiased=False)
+        self.variance.copy_(within + share * (1.0 - share) * delta.square())
+        self.mean += share * delta
+        self.count += fresh
+
+
+class Actor(nn.Module):
+    """Gaussian policy: mean = base(obs) + mlp(normalised obs), one standard deviation per action.
+
+    Args:
+        mlp: network from the (normalised) observation to the actions.
+        num_actions: J.
+        noise_std: (start, lowest, highest) standard deviation.
+        base: optional module obs (..., Da) → action (..., J) without trained parameters.
+        normalizer: optional normaliser of the network's input (not of the base's).
+    """
+
+    def __init__(
+        self,
+        mlp: Mlp,
+        num_actions: int,
+        noise_std: tuple[float, float, float],
+        base: nn.Module | None = None,
+        normalizer: Normalizer | None = None,
+    ) -> None:
+        super().__init__()
+        self.mlp, self.base, self.normalizer = mlp, base, normalizer
+        start, low, high = noise_std
+        self._log_bounds = math.log(low), math.log(high)
+        self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start)))
+
+    def inputs(self, obs: Tensor) -> Tensor:
+        """What the network sees of obs (..., Da)."""
+        return obs if self.normalizer is None else self.normalizer(obs)
+
+    def base_action(self, obs: Tensor) -> Tensor | None:
+        """The base's action (..., J), or None without a base."""
+        return None if self.base is None else self.base(obs)
+
+    def forward(self, obs: Tensor) -> Tensor:
+        """Mean action (..., J) of obs (..., Da)."""
+        residual = self.mlp(self.inputs(obs))
+        return residual if self.base is None else self.base(obs) + residual
+
+    @torch.no_grad()
+    def limit_noise(self) -> None:
+        """Bring the standard deviation back inside its bounds (after an optimiser step)."""
+        self.log_std.clamp_(*self._log_bounds)
+
+
+class Critic(nn.Module):
+    """State values (..., H): one head per reward term, or a single one for their sum."""
+
+    def __init__(self, mlp: Mlp, normalizer: Normalizer | None = None) -> None:
+        super().__init__()
+        self.mlp, self.normalizer = mlp, normalizer
+
+    def inputs(self, obs: Tensor) -> Tensor:
+        """What the network sees of obs (..., Dc)."""
+        return obs if self.normalizer is None else self.normalizer(obs)
+
+    def forward(self, obs: Tensor) -> Tensor:
+        """Values (..., H) of obs (..., Dc)."""
+        return self.mlp(self.inputs(obs))

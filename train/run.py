@@ -1,0 +1,54 @@
+#!/usr/bin/env -S python3 -P
+"""Train one motion: train/run.py motion=NAME|FILE [KEY=VALUE ...] | resume=RUN_DIR | replay=NAN_DUMP.
+
+Presets: train=default|paper|pbhc_release. Keys: configs/train/config.yaml and the sections of the preset.
+Ctrl-C saves, exports and ends in good order.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+# Busy waiting of OpenMP's threads steals the cores from physics; read once, when torch is loaded.
+os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+
+NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
+
+
+def main(arguments: list[str]) -> int:
+    """Run; return the exit code: 0 done or stopped in good order, 2 unusable input, 1 anything else."""
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(__doc__)
+        return 0
+    try:
+        from robot.errors import InputError
+        from train.config import compose_document
+        from train.export import ExportError
+        from train.nan_guard import NonFiniteError
+        from train.session import new_setup, replay_dump, resumed_setup, train
+    except ModuleNotFoundError as error:
+        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
+        return 2
+    try:
+        given = dict(argument.partition("=")[::2] for argument in arguments)
+        if "replay" in given and len(arguments) > 1:
+            raise InputError("conflicts with replay", got=" ".join(arguments), expected="replay=NAN_DUMP alone")
+        if "replay" in given:
+            print(replay_dump(Path(given["replay"])))
+            return 0
+        if "resume" in given:
+            rest = [argument for argument in arguments if not argument.startswith("resume=")]
+            train(resumed_setup(Path(given["resume"]).resolve(), rest))
+        else:
+            train(new_setup(compose_document(arguments)))
+    except InputError as error:
+        print("error:", *str(error).splitlines(), file=sys.stderr)
+        return 2
+    except (NonFiniteError, ExportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

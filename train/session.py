@@ -1,0 +1,193 @@
+"""From a configuration to a run: builds the parts, trains, exports, sums up."""
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from motion.clip import Clip, load_clip, save_clip
+from motion.library import open_motion
+from motion.reference import build_reference
+from robot.errors import InputError
+from robot.robot import Robot, load_robot
+from train.base_action.module import build_base_action
+from train.checkpoint import Checkpoints, load_state, write_atomically
+from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
+from train.environment.evaluator import NoisyStartEvaluator
+from train.environment.factory import build_environment
+from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S
+from train.export import actor_spec, code_version, export_actor
+from train.interface import TrackingEnv
+from train.interrupt import StopRequest
+from train.learner.build import build_learner
+from train.nan_guard import replay
+from train.progress import TIME_PREFIX, Progress, write_json
+from train.runner import Budget, Runner
+
+CLIP_FILE = "motion.npz"
+CONFIG_FILE = "config.yaml"
+ACTOR_FILE = "actor.onnx"
+EVALUATION_SEED = 12345
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is checked before any simulation."""
+
+    document: dict[str, Any]
+    config: TrainConfig
+    robot: Robot
+    clip: Clip
+    run_dir: Path
+    state: dict[str, Any] | None
+
+    @property
+    def motion_name(self) -> str:
+        """The clip's name: that of the bundled clip or of the file."""
+        return Path(self.config.motion).stem
+
+
+def new_setup(document: dict[str, Any]) -> Setup:
+    """Check everything of a new run. InputError for anything unusable."""
+    config = check(document)
+    robot = load_robot(config.robot)
+    clip = open_motion(config.motion, robot)
+    build_reference(clip, robot, CONTROL_PERIOD_S)
+    if Path(config.robot).is_file():
+        document = {**document, "robot": str(Path(config.robot).resolve())}
+    run_dir = _new_run_dir(config)
+    document = {**document, "run_dir": str(run_dir)}
+    return Setup(document, check(document), robot, clip, run_dir, None)
+
+
+def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
+    """Read the newest checkpoint of a run. InputError where there is none or it does not fit."""
+    if not run_dir.is_dir():
+        raise InputError("no such run folder", where="resume", got=run_dir, expected="the folder of an earlier run")
+    state = Checkpoints(run_dir).load_newest()
+    document = with_budget(state["config"], budget_overrides)
+    config = check(document)
+    robot = load_robot(config.robot)
+    return Setup(document, config, robot, load_clip(run_dir / CLIP_FILE), run_dir, state)
+
+
+def train(setup: Setup) -> None:
+    """Train, export and sum up. NonFiniteError if a number stops being finite."""
+    config = setup.config
+    torch.set_num_threads(config.threads)
+    stop = StopRequest()
+    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
+    env = _environment(setup)
+    base = build_base_action(config.base_action, setup.robot, reference, ACTION_SCALE)
+    learner = build_learner(config, env, base)
+    _begin_folder(setup)
+    progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"])
+    budget = Budget(config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every)
+    evaluator = NoisyStartEvaluator(
+        config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads
+    )
+    runner = Runner(
+        env, learner, budget, setup.run_dir, setup.document, progress, evaluator, should_stop=lambda: stop.asked
+    )
+    if setup.state is not None:
+        _restore(runner, setup)
+    progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
+    try:
+        outcome = runner.run()
+        _export(setup, runner, progress, outcome)
+    finally:
+        progress.close()
+
+
+def replay_dump(path: Path) -> str:
+    """Repeat the steps of a NaN dump; return what was seen."""
+    if not path.is_file():
+        raise InputError("no such file", where="replay", got=path, expected="a nan_dump_*.pt of a run")
+    dump = load_state(path.read_bytes(), path)
+    config = check(dump["config"])
+    torch.set_num_threads(config.threads)
+    robot = load_robot(config.robot)
+    setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None)
+    seen = replay(dump, _environment(setup))
+    recorded = f"recorded: {dump['group']}"
+    if seen is None:
+        return f"{recorded}; all {len(dump['actions'])} steps repeated, the environment stayed finite"
+    return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
+
+
+def _environment(setup: Setup) -> TrackingEnv:
+    config = setup.config
+    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
+    return build_environment(
+        config.environment, setup.robot, reference, num_envs=config.num_envs, seed=config.seed, threads=config.threads
+    )
+
+
+def _new_run_dir(config: TrainConfig) -> Path:
+    if config.run_dir is None:
+        run_dir = Path("runs") / Path(config.motion).stem / time.strftime("%Y%m%d_%H%M%S")
+    else:
+        run_dir = Path(config.run_dir)
+    run_dir = run_dir.resolve()
+    existing = next(folder for folder in (run_dir, *run_dir.parents) if folder.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError("not a writable folder", where="run_dir", got=existing, expected="a place for the run's files")
+    if any((run_dir / name).exists() for name in (CONFIG_FILE, "checkpoints")):
+        raise InputError(
+            "holds a run already", where="run_dir", got=run_dir, expected="a new folder",
+            hint=f"resume={run_dir} goes on with it",
+        )  # fmt: skip
+    return run_dir
+
+
+def _begin_folder(setup: Setup) -> None:
+    """Create the run folder with its configuration and clip."""
+    try:
+        setup.run_dir.mkdir(parents=True, exist_ok=True)
+        if setup.state is None:
+            save_clip(setup.clip, setup.run_dir / CLIP_FILE)
+        write_atomically(setup.run_dir / CONFIG_FILE, to_yaml(setup.document).encode())
+    except OSError as error:
+        raise InputError("cannot be written", where=setup.run_dir, got=error.strerror, expected="a folder") from error
+
+
+def _restore(runner: Runner, setup: Setup) -> None:
+    assert setup.state is not None
+    try:
+        runner.load_state_dict(setup.state)
+    except (KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise InputError(
+            "checkpoint does not fit this version of the code", where=setup.run_dir,
+            got=" ".join(f"{type(error).__name__} {error}".split())[:200], expected="the version that wrote it",
+        ) from error  # fmt: skip
+
+
+def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> None:
+    """Write actor.onnx and summary.json."""
+    actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
+    facts: dict[str, Any] = {
+        "motion": setup.motion_name,
+        "seed": setup.config.seed,
+        "iterations": runner.iteration,
+        "samples": runner.samples,
+        "exported_iteration": runner.best.iteration or runner.iteration,
+        "evaluation": runner.best.figures,
+        "config_sha256": fingerprint(setup.document),
+        "code": code_version(),
+        "precision": setup.config.precision,
+        "threads": setup.config.threads,
+        TIME_PREFIX + "wall_s": runner.wall_s,
+    }
+    spec = actor_spec(setup.robot, setup.clip, setup.motion_name, facts)
+    path = setup.run_dir / ACTOR_FILE
+    digest = export_actor(actor, spec, setup.clip, path)
+    last: Mapping[str, Any] = progress.rows[-1] if progress.rows else {}
+    write_json(
+        setup.run_dir / "summary.json",
+        {"outcome": outcome, **facts, "actor": ACTOR_FILE, "actor_sha256": digest, "last_iteration": dict(last)},
+    )
+    progress.say(f"{outcome} after {runner.iteration} iterations, {runner.samples} samples: {path}")

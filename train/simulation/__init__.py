@@ -1,0 +1,1 @@
+"""Batched physics: the interface and the implementation on CPU cores."""

@@ -1,0 +1,82 @@
+"""Physical parameters that differ between environments (PBHC Table 7)."""
+
+from dataclasses import dataclass, fields
+
+import torch
+
+from robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class DomainRanges:
+    """Ranges of the draws. Scales are factors on the nominal value.
+
+    ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
+    control delay, drawn per episode; ``friction`` is the effective sliding friction of foot on ground.
+    """
+
+    friction: tuple[float, float] = (1.0, 1.0)
+    kp_scale: tuple[float, float] = (1.0, 1.0)
+    kd_scale: tuple[float, float] = (1.0, 1.0)
+    mass_scale: tuple[float, float] = (1.0, 1.0)
+    inertia_scale: tuple[float, float] = (1.0, 1.0)
+    com_xy_m: float = 0.0
+    com_z_m: float = 0.0
+    torque_noise: float = 0.0
+    torque_noise_scale: tuple[float, float] = (0.5, 1.5)
+    torque_offset: float = 0.0
+    delay_s: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Domain:
+    """One draw per environment: what its model is built from and what the critic is told.
+
+    Shapes: friction (B,), kp_scale (B, J), kd_scale (B, J), mass_scale (B, M), inertia_scale (B, M), com_offset_m (B, 3).
+    """
+
+    friction: torch.Tensor
+    kp_scale: torch.Tensor
+    kd_scale: torch.Tensor
+    mass_scale: torch.Tensor
+    inertia_scale: torch.Tensor
+    com_offset_m: torch.Tensor
+
+    def towards(self, nominal: "Domain", scale: float) -> "Domain":
+        """Return nominal + scale·(self − nominal), term by term."""
+        pairs = ((getattr(nominal, f.name), getattr(self, f.name)) for f in fields(self))
+        return Domain(*(n + scale * (drawn - n) for n, drawn in pairs))
+
+
+def uniform(shape: tuple[int, ...], low: float, high: float, generator: torch.Generator) -> torch.Tensor:
+    """Draw float32 U(low, high)."""
+    return low + (high - low) * torch.rand(shape, generator=generator)
+
+
+def nominal_domain(num_envs: int, robot: Robot) -> Domain:
+    """The parameters of the maker's description, for every environment."""
+    joints, bodies = robot.num_joints, len(robot.randomized_mass_bodies)
+    return Domain(
+        friction=torch.ones(num_envs),
+        kp_scale=torch.ones(num_envs, joints),
+        kd_scale=torch.ones(num_envs, joints),
+        mass_scale=torch.ones(num_envs, bodies),
+        inertia_scale=torch.ones(num_envs, bodies),
+        com_offset_m=torch.zeros(num_envs, 3),
+    )
+
+
+def draw_domain(num_envs: int, robot: Robot, ranges: DomainRanges, generator: torch.Generator) -> Domain:
+    """Draw the parameters of every environment once."""
+    joints, bodies = robot.num_joints, len(robot.randomized_mass_bodies)
+    com = uniform((num_envs, 3), -1.0, 1.0, generator) * torch.tensor(
+        [ranges.com_xy_m, ranges.com_xy_m, ranges.com_z_m]
+    )
+    return Domain(
+        friction=uniform((num_envs,), *ranges.friction, generator),
+        kp_scale=uniform((num_envs, joints), *ranges.kp_scale, generator),
+        kd_scale=uniform((num_envs, joints), *ranges.kd_scale, generator),
+        mass_scale=uniform((num_envs, bodies), *ranges.mass_scale, generator),
+        inertia_scale=uniform((num_envs, bodies), *ranges.inertia_scale, generator),
+        com_offset_m=com,
+    )

@@ -1,0 +1,218 @@
+"""Batched physics on CPU cores: MuJoCo's threaded rollout with one model per environment.
+
+PD control is MuJoCo's position actuator (force limited to the joint's torque limit); control delay and torque
+disturbance are inputs of each sub-step, so that no Python runs between sub-steps.
+"""
+
+import copy
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.rollout import Rollout
+
+from robot.mjcf import compile_model
+from robot.robot import Robot
+from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
+from train.simulation.simulator import PhysicsState
+
+_STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
+_CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+_NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
+
+
+def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
+    for body in bodies:
+        spec.add_sensor(
+            name=f"contact_{body}",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            objname=body,
+            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), _NETFORCE, 1],
+        )
+
+
+class MujocoCpuSimulator:
+    """B robots on a flat floor.
+
+    Args:
+        robot: the robot.
+        num_envs: B.
+        ranges: what differs between environments.
+        generator: source of all randomness.
+        control_period_s: duration of one :meth:`step`.
+        substeps: physics steps per control step.
+        threads: worker threads.
+        joint_friction: whether joints keep the friction loss of the description (it costs a third of the speed).
+        randomization: start value of :meth:`set_randomization`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        num_envs: int,
+        ranges: DomainRanges,
+        generator: torch.Generator,
+        *,
+        control_period_s: float = 0.02,
+        substeps: int = 4,
+        threads: int = 2,
+        joint_friction: bool = True,
+        randomization: float = 1.0,
+    ) -> None:
+        self.num_envs, self.generator = num_envs, generator
+        self._robot, self._ranges = robot, ranges
+        self._substeps, self._substep_s = substeps, control_period_s / substeps
+        self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
+
+        def edit(spec: mujoco.MjSpec) -> None:
+            _add_contact_sensors(spec, self._sensed)
+
+        model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
+        if not joint_friction:
+            model.dof_frictionloss[:] = 0.0
+        self._nominal_model = model
+        self._nominal = nominal_domain(num_envs, robot)
+        self._drawn = draw_domain(num_envs, robot, ranges, generator)
+        self._models = [copy.copy(model) for _ in range(num_envs)]
+        self._rollout = Rollout(nthread=threads)
+        self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
+        self._allocate(model)
+        self.set_randomization(randomization)
+
+    def _allocate(self, model: mujoco.MjModel) -> None:
+        envs, steps = self.num_envs, self._substeps
+        size = mujoco.mj_stateSize(model, _STATE_SPEC)
+        self._nq, self._nv, self._nu = model.nq, model.nv, model.nu
+        self._state = torch.zeros(envs, size, dtype=torch.float64)
+        self._trajectory = torch.zeros(envs, steps, size, dtype=torch.float64)
+        self._sensors = torch.zeros(envs, steps, model.nsensordata, dtype=torch.float64)
+        self._control = torch.zeros(envs, steps, self._nu + self._nv, dtype=torch.float64)
+        reach = -(-round(self._ranges.delay_s[1] / self._substep_s) // steps)
+        default = torch.as_tensor(self._robot.default_pos_rad.copy(), dtype=torch.float32)
+        self._targets = default.repeat(envs, reach + 1, 1)
+        self._lag = torch.zeros(envs, steps, dtype=torch.long)
+        self._delay_draw = torch.zeros(envs)
+        self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
+        self._torque_offset = torch.zeros(envs, self._robot.num_joints)
+        self._torque_noise = torch.zeros(envs, 1, 1)
+        self._fresh = torch.ones(envs, dtype=torch.bool)
+
+    def set_randomization(self, scale: float) -> None:
+        """Move every environment's model to nominal + scale·(drawn − nominal)."""
+        self.randomization = scale
+        self.domain = self._drawn.towards(self._nominal, scale)
+        _write_models(self._models, self._nominal_model, self._robot, self.domain)
+
+    @property
+    def delay_s(self) -> torch.Tensor:
+        """(B,) control delay of the present episodes, seconds."""
+        return self._delay_substeps() * self._substep_s
+
+    def _delay_substeps(self) -> torch.Tensor:
+        return torch.round(self._delay_draw * self.randomization / self._substep_s)
+
+    def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        self._state[env_ids] = torch.cat([torch.zeros(len(env_ids), 1), qpos, qvel], dim=1).double()
+        self._sensors[env_ids] = 0.0
+        self._fresh[env_ids] = True
+        self._draw_episode(env_ids)
+
+    def _draw_episode(self, env_ids: torch.Tensor) -> None:
+        count, ranges, joints = len(env_ids), self._ranges, self._robot.num_joints
+        self._delay_draw[env_ids] = uniform((count,), *ranges.delay_s, self.generator)
+        steps = torch.arange(self._substeps)
+        late = self._delay_substeps()[env_ids, None] - steps  # sub-steps until the newest command arrives
+        self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
+        offset = uniform((count, joints), -1.0, 1.0, self.generator) * ranges.torque_offset
+        self._torque_offset[env_ids] = offset * self._torque_limit
+        noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.generator) * ranges.torque_noise
+        self._torque_noise[env_ids] = noise
+
+    def push(self, env_ids: torch.Tensor, velocity_w: torch.Tensor) -> None:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        start = 1 + self._nq
+        self._state[env_ids, start : start + 2] += velocity_w.double()
+
+    def step(self, targets: torch.Tensor) -> None:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        self._targets = torch.cat([targets[:, None], self._targets[:, :-1]], dim=1)
+        # A new episode has no earlier command: its queue holds the first one.
+        self._targets = torch.where(self._fresh[:, None, None], targets[:, None], self._targets)
+        self._fresh[:] = False
+        joints = self._targets.shape[-1]
+        delayed = self._targets.gather(1, self._lag[..., None].expand(-1, -1, joints))
+        noise = uniform((self.num_envs, self._substeps, joints), -1.0, 1.0, self.generator)
+        disturbance = self._torque_offset[:, None] + noise * self._torque_noise * self._torque_limit
+        self._control[..., : self._nu] = delayed
+        self._control[..., self._nu + 6 :] = disturbance * self.randomization
+        self._rollout.rollout(
+            self._models,
+            self._data,
+            self._state.numpy(),
+            self._control.numpy(),
+            control_spec=_CONTROL_SPEC,
+            skip_checks=True,
+            nstep=self._substeps,
+            state=self._trajectory.numpy(),
+            sensordata=self._sensors.numpy(),
+        )
+        self._state.copy_(self._trajectory[:, -1])
+
+    def state(self) -> PhysicsState:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        values = self._state[:, 1:].float()
+        qpos, qvel = values[:, : self._nq], values[:, self._nq : self._nq + self._nv]
+        # Contact sensors are the last ones; they give the force that the body exerts.
+        force = -self._sensors[:, -1, -3 * len(self._sensed) :].float().unflatten(1, (-1, 3))
+        return PhysicsState(
+            root_pos_w=qpos[:, :3],
+            root_quat_wxyz=qpos[:, 3:7],
+            root_lin_vel_w=qvel[:, :3],
+            root_ang_vel_b=qvel[:, 3:6],
+            joint_pos_rad=qpos[:, 7:],
+            joint_vel_rad_s=qvel[:, 6:],
+            foot_force_w=force[:, :2],
+            body_force_n=force[:, 2:].norm(dim=-1),
+        )
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Physics state, queues and draws (the rollout starts its solver cold: no warm start to keep)."""
+        return (
+            {name: getattr(self, name).clone() for name in self._CHECKPOINTED}
+            | {"randomization": torch.tensor(self.randomization, dtype=torch.float64)}
+            | {f"drawn.{name}": value.clone() for name, value in vars(self._drawn).items()}
+        )
+
+    _CHECKPOINTED = (
+        "_state", "_sensors", "_targets", "_lag", "_delay_draw", "_torque_offset", "_torque_noise", "_fresh",
+    )  # fmt: skip
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore what :meth:`state_dict` returned."""
+        for name in self._CHECKPOINTED:
+            getattr(self, name).copy_(state[name])
+        self._drawn = Domain(**{key[6:]: value for key, value in state.items() if key.startswith("drawn.")})
+        self.set_randomization(float(state["randomization"]))
+
+
+def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, robot: Robot, domain: Domain) -> None:
+    """Write the environments' parameters into their models and refresh MuJoCo's derived constants."""
+    bodies = np.array([nominal.body(name).id for name in robot.randomized_mass_bodies])
+    torso = nominal.body(robot.randomized_com_body).id
+    feet = {nominal.body(name).id for name in robot.feet}
+    foot_geoms = np.array([g for g in range(nominal.ngeom) if nominal.geom_bodyid[g] in feet])
+    scratch = mujoco.MjData(nominal)
+    values = {name: value.double().numpy() for name, value in vars(domain).items()}
+    for env, model in enumerate(models):
+        mass = values["mass_scale"][env]
+        model.body_mass[bodies] = nominal.body_mass[bodies] * mass
+        model.body_inertia[bodies] = nominal.body_inertia[bodies] * (mass * values["inertia_scale"][env])[:, None]
+        model.body_ipos[torso] = nominal.body_ipos[torso] + values["com_offset_m"][env]
+        model.geom_friction[foot_geoms, 0] = values["friction"][env]
+        model.actuator_gainprm[:, 0] = nominal.actuator_gainprm[:, 0] * values["kp_scale"][env]
+        model.actuator_biasprm[:, 1] = nominal.actuator_biasprm[:, 1] * values["kp_scale"][env]
+        model.actuator_biasprm[:, 2] = nominal.actuator_biasprm[:, 2] * values["kd_scale"][env]
+        mujoco.mj_setConst(model, scratch)
