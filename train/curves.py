@@ -14,7 +14,7 @@ from train.checkpoint import write_atomically
 _PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
     ("body errors [mm]", ("eg_mpbpe_mm", "empbpe_mm"), False),
     ("joint error [mrad]", ("empjpe_mrad",), False),
-    ("episode length ratio", ("episode_length_ratio", "survival_chance"), False),
+    ("episode length ratio", ("episode_length_ratio", "survival_chance", "falls"), False),
     ("sigma / start", ("sigma/",), True),
     ("curricula", ("error_limit_m", "penalty_scale", "randomization"), False),
     ("learner", ("learning_rate", "kl", "noise_std"), True),
@@ -52,5 +52,6 @@ def _panel(
 
 
 def _belongs(key: str, names: tuple[str, ...]) -> bool:
-    bare = key.removeprefix("evaluation/")
-    return any(bare == name or (name.endswith("/") and key.startswith(name)) for name in names)
+    """Whether a figure, or an evaluation's figure of that name, is in the panel; names in / are sections."""
+    judged = key.startswith("evaluation/")
+    return any(key == n or (judged and key.endswith(n)) or (n.endswith("/") and key.startswith(n)) for n in names)

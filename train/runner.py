@@ -147,10 +147,10 @@ class Runner:
         return {name: sum(values) / len(values) for name, values in logs.items()}
 
     def _report(self, row: dict[str, Any]) -> None:
-        iteration_s = time.monotonic() - self._iteration_start_s
-        self.wall_s += iteration_s
+        self.wall_s += time.monotonic() - self._iteration_start_s
+        steps = self._env.num_envs * self._learner.settings.horizon
         row |= {
-            "time/steps_per_s": self._env.num_envs * self._learner.settings.horizon / iteration_s,
+            "time/steps_per_s": steps / (row["time/collect_s"] + row["time/learn_s"]),
             "time/wall_s": self.wall_s,
             "time/left_s": self._left_s(),
         }

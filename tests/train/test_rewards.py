@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from robot.kinematics import BodyState
 from train.environment import rewards
-from train.environment.tick import ReferenceRows, RobotLimits, Tick
+from train.environment.tick import Bodies, ReferenceRows, RobotLimits, Tick
 from train.simulation.simulator import PhysicsState
 
 POINTS, JOINTS = 4, 3  # points: pelvis, left foot, right foot, head
@@ -41,7 +40,7 @@ def on_reference() -> Tick:
     touching = torch.ones(1, 2, dtype=torch.bool)
     return Tick(
         physics=physics,
-        bodies=BodyState(three, quats, three, three),
+        bodies=Bodies(three, quats, three, three),
         reference=reference,
         action=joints,
         last_action=joints,

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from tests.train.worlds import g1
 
 from robot.mjcf import compile_model
+from tests.train.worlds import g1
 from train.simulation.domain import DomainRanges
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
 

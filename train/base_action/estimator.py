@@ -67,6 +67,14 @@ def reference_observation(robot: Robot, reference: Reference, last_action: np.nd
 class Deviation(nn.Module):
     """Deviations (B, 3+3+J+J+J) of gravity, angular velocity, joints, their velocities and the last raw action."""
 
+    measured: torch.Tensor
+    action: torch.Tensor
+    scale: torch.Tensor
+    reference: torch.Tensor
+    velocity_weights: torch.Tensor
+    gyro_weights: torch.Tensor
+    turned_since: torch.Tensor
+
     def __init__(self, columns: ObservedColumns, reference: np.ndarray) -> None:
         super().__init__()
         lags, width = columns.measured.shape
@@ -115,7 +123,8 @@ class Deviation(nn.Module):
 
 def _average(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     """Weighted mean (B, n) over lags of values (B, L, n); zero where all weights are."""
-    return (values * weights.unsqueeze(-1)).sum(dim=1) / weights.sum(dim=1, keepdim=True).clamp(min=1e-6).clamp(min=1e-6)
+    total = weights.sum(dim=1, keepdim=True).clamp(min=1e-6)
+    return (values * weights.unsqueeze(-1)).sum(dim=1) / total
 
 
 def interpolate(table: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:

@@ -42,6 +42,9 @@ class BaseAction(nn.Module):
     estimated from the history by :class:`train.base_action.estimator.Deviation`.
     """
 
+    targets: torch.Tensor
+    gains: torch.Tensor
+
     def __init__(
         self, deviation: Deviation, phase_column: int, targets: np.ndarray, gains: np.ndarray, feedback_clip: float
     ) -> None:

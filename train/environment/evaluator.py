@@ -1,5 +1,6 @@
 """Judges an actor while it trains: noisy starts at the first frame, half of them nominal, half randomised."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import torch
@@ -67,7 +68,7 @@ def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:
     alive = torch.ones(env.num_envs, dtype=torch.bool)
     sums = {"eg_mpbpe_mm": 0.0, "empbpe_mm": 0.0, "empjpe_mrad": 0.0}
     steps = 0
-    observations = env.reset()
+    observations: Mapping[str, torch.Tensor] = env.reset()
     for _ in range(ticks):
         result = env.step(act(observations["actor"]))
         observations = result.observations

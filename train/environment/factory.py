@@ -1,8 +1,5 @@
 """Builds the environment from its configuration."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import torch
 
 from motion.reference import Reference

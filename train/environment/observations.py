@@ -15,9 +15,9 @@ from policy.observation import (
     term_dims,
     term_order,
 )
-from robot.kinematics import BodyState
 from robot.robot import Robot
 from robot.rotations import quat_conjugate, quat_rotate, quat_rotate_inverse, yaw_quat
+from train.environment.tick import Bodies
 from train.simulation.domain import Domain
 from train.simulation.simulator import PhysicsState
 
@@ -85,7 +85,7 @@ class Observations:
         return self.actor_history.flatten(1)[:, self._index]
 
 
-def reference_view(physics: PhysicsState, bodies: BodyState, target_pos_w: torch.Tensor) -> torch.Tensor:
+def reference_view(physics: PhysicsState, bodies: Bodies, target_pos_w: torch.Tensor) -> torch.Tensor:
     """Reference body positions relative to the base, and to the bodies, in the heading frame: (n, 2·27·3)."""
     heading = quat_conjugate(yaw_quat(physics.root_quat_wxyz))[:, None]
     relative = quat_rotate(heading, target_pos_w - physics.root_pos_w[:, None])

@@ -1,11 +1,11 @@
 """Everything that a reward, a termination or an observation may look at after one control step."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 
 from motion.reference import Reference
-from robot.kinematics import BodyState
 from robot.robot import Robot
 from train.simulation.simulator import PhysicsState
 
@@ -27,6 +27,15 @@ class ReferenceRows:
     contact: torch.Tensor
     phase: torch.Tensor
     lift_m: torch.Tensor
+
+
+class Bodies(NamedTuple):
+    """World poses and velocities of the tracked points: (B, 27, 3), (B, 27, 4), (B, 27, 3), (B, 27, 3)."""
+
+    pos_w: torch.Tensor
+    quat_wxyz: torch.Tensor
+    lin_vel_w: torch.Tensor
+    ang_vel_w: torch.Tensor
 
 
 class ReferenceTable:
@@ -118,7 +127,7 @@ class Tick:
     """
 
     physics: PhysicsState
-    bodies: BodyState
+    bodies: Bodies
     reference: ReferenceRows
     action: torch.Tensor
     last_action: torch.Tensor

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from robot.kinematics import BodyState, Kinematics
+from robot.kinematics import Kinematics
 from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_rotate
 from train.environment.adaptive_sigma import AdaptiveSigma
@@ -16,7 +16,7 @@ from train.environment.pushes import Pushes
 from train.environment.rewards import DIRECT, TRACKING
 from train.environment.settings import EnvironmentSettings
 from train.environment.starts import StartSampler
-from train.environment.tick import ReferenceRows, ReferenceTable, RobotLimits, Tick
+from train.environment.tick import Bodies, ReferenceRows, ReferenceTable, RobotLimits, Tick
 from train.environment.tracking_log import TrackingLog, tracking_errors
 from train.interface import StepResult
 from train.simulation.simulator import PhysicsState, Simulator
@@ -133,9 +133,9 @@ class TrackingEnv:
             limits=self.limits,
         )
 
-    def _forward(self, physics: PhysicsState) -> BodyState:
+    def _forward(self, physics: PhysicsState) -> Bodies:
         ang_vel_w = quat_rotate(physics.root_quat_wxyz, physics.root_ang_vel_b)
-        return self._kinematics.forward(
+        state = self._kinematics.forward(
             physics.root_pos_w,
             physics.root_quat_wxyz,
             physics.joint_pos_rad,
@@ -143,8 +143,10 @@ class TrackingEnv:
             ang_vel_w,
             physics.joint_vel_rad_s,
         )
+        assert state.lin_vel_w is not None and state.ang_vel_w is not None
+        return Bodies(state.pos_w, state.quat_wxyz, state.lin_vel_w, state.ang_vel_w)
 
-    def _failed(self, physics: PhysicsState, bodies: BodyState, reference: ReferenceRows) -> torch.Tensor:
+    def _failed(self, physics: PhysicsState, bodies: Bodies, reference: ReferenceRows) -> torch.Tensor:
         rule = self.settings.termination
         failed = projected_gravity(physics.root_quat_wxyz)[:, :2].norm(dim=1) > rule.tilt
         failed |= physics.root_pos_w[:, 2] < rule.min_height_m
@@ -218,7 +220,7 @@ class TrackingEnv:
 
     def _critic(self, rows: torch.Tensor) -> torch.Tensor:
         physics = PhysicsState(*(value[rows] for value in vars(self._physics).values()))
-        bodies = BodyState(*(value[rows] for value in self._bodies))
+        bodies = Bodies(*(value[rows] for value in self._bodies))
         return torch.cat(
             [
                 self.observations.critic_history[rows].flatten(1),
@@ -230,9 +232,10 @@ class TrackingEnv:
 
     def finish_iteration(self) -> None:
         """Apply what changes between iterations only, as it touches every model: the width of the randomisation."""
-        step = abs(self.randomization.value - self.simulator.randomization)
-        if step >= RANDOMIZATION_STEP or step > 0.0 and self.randomization.value == self.settings.randomization_scale.hard:
-            self.simulator.set_randomization(self.randomization.value)
+        wanted, hard = self.randomization.value, self.settings.randomization_scale.hard
+        step = abs(wanted - self.simulator.randomization)
+        if step >= RANDOMIZATION_STEP or (step > 0.0 and wanted == hard):
+            self.simulator.set_randomization(wanted)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs, as tensors and plain numbers."""
@@ -255,7 +258,7 @@ class TrackingEnv:
         for name in _BUFFERS:
             self._buffer(name).copy_(state["buffers"][name])
         self._physics = self.simulator.state()
-        self._bodies = BodyState(*state["bodies"])
+        self._bodies = Bodies(*state["bodies"])
         self._target = self._table.rows(self.clip, self.tick + 1)
         for name in _CURRICULA:
             getattr(self, name).value = state["curricula"][name]

@@ -32,7 +32,7 @@ class DomainRanges:
 class Domain:
     """One draw per environment: what its model is built from and what the critic is told.
 
-    Shapes: friction (B,), kp_scale (B, J), kd_scale (B, J), mass_scale (B, M), inertia_scale (B, M), com_offset_m (B, 3).
+    Shapes: friction (B,), kp_scale and kd_scale (B, J), mass_scale and inertia_scale (B, M), com_offset_m (B, 3).
     """
 
     friction: torch.Tensor

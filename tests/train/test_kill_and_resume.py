@@ -1,0 +1,67 @@
+"""A training of the real environment, killed with SIGKILL and resumed, equals one that was left alone."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from policy.actor import load_actor
+from robot.robot import load_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+OVERRIDES = ["motion=taichi", "iterations=8", "num_envs=16", "checkpoint_every=2", "learner.minibatches=2"]
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
+
+
+def rows(run_dir: Path) -> list[dict]:
+    lines = (run_dir / "metrics.jsonl").read_text().splitlines()
+    return [{k: v for k, v in json.loads(line).items() if not k.startswith("time/")} for line in lines]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    whole, killed = folder / "whole", folder / "killed"
+    undisturbed = start(*OVERRIDES, f"run_dir={whole}")
+    assert undisturbed.wait(timeout=240) == 0, undisturbed.stdout.read()
+    process = start(*OVERRIDES, f"run_dir={killed}")
+    for line in process.stdout:
+        if line.startswith("iteration 5"):
+            os.kill(process.pid, signal.SIGKILL)
+            break
+    process.wait(timeout=30)
+    assert not (killed / "actor.onnx").exists()
+    resumed = start(f"resume={killed}")
+    assert resumed.wait(timeout=240) == 0, resumed.stdout.read()
+    return whole, killed
+
+
+def test_every_row_of_the_metrics_is_the_same(runs):
+    whole, killed = (rows(run) for run in runs)
+    assert [row["iteration"] for row in killed] == list(range(1, 9))
+    assert killed == whole
+
+
+def test_both_export_the_same_actor(runs):
+    robot = load_robot()
+    first, second = (load_actor(run / "actor.onnx", robot) for run in runs)
+    observation = {"actor_obs": np.random.default_rng(0).normal(size=380).astype(np.float32)}
+    assert np.array_equal(first.infer(observation), second.infer(observation))
+    assert first.spec.motion.name == "taichi"
+
+
+@pytest.mark.parametrize("backend", ["mock", "mujoco"])
+def test_the_exported_actor_runs_on(runs, backend):
+    command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", backend, "--fast", "--duration", "0.5"]
+    process = subprocess.run([*command, "--policy", str(runs[0] / "actor.onnx")], capture_output=True, text=True, cwd=ROOT)
+    assert process.returncode == 0, process.stderr
+    assert "damping" in process.stdout
