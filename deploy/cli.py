@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from deploy.episode import Start
 from deploy.operator import KEY_TABLE, StopSignals
@@ -12,6 +11,7 @@ from deploy.outputs import write_json
 from deploy.session import RunReport, run_session, summary
 from hal.open import BACKENDS
 from hal.types import DeviceError
+from robot.arguments import ArgumentParser, path_argument
 from robot.errors import InputError
 
 DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
@@ -46,7 +46,7 @@ def exit_code(report: RunReport) -> int:
 
 
 def parse(arguments: Sequence[str] | None = None) -> RunOptions:
-    """Options from the command line. Ends the process with code 2 on bad usage."""
+    """Options from the command line. Raises InputError on bad usage."""
     given = _parser().parse_args(arguments)
     return RunOptions(
         backend=given.backend,
@@ -71,8 +71,8 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
     )
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
         prog="deploy/run",
         description="Run an actor on a robot or its simulation: stand up, play the motion once, stand, damp.",
         epilog=f"Keys with --interactive: {KEY_TABLE}. Exit codes: 0 done or stopped, 1 gave up, 2 bad input, "
@@ -88,18 +88,18 @@ def _parser() -> argparse.ArgumentParser:
     add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")
     add("--interactive", action="store_true", help="wait for keys")
     add("--sim", default="default", metavar="default|reference|FILE")
-    add("--sim-model", type=Path, metavar="FILE", help="simulate this MJCF instead of the robot's own")
+    add("--sim-model", type=path_argument, metavar="FILE", help="simulate this MJCF instead of the robot's own")
     add("--start", default="stand", choices=[start.value for start in Start])
     add("--start-noise", type=_not_negative, default=0.0, metavar="RAD", help="std added to each joint at the start")
     add("--duration", type=_positive, metavar="S", help="damp and end after this long")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
-    add("--video", type=Path, metavar="F", help="MP4 with the reference as a ghost")
+    add("--video", type=path_argument, metavar="F", help="MP4 with the reference as a ghost")
     add("--viewer", action="store_true", help="live window")
-    add("--log", type=Path, metavar="DIR", help="one MCAP file per run")
+    add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
     add("--dry-run", action="store_true", help="preflight only")
-    add("--json", type=Path, metavar="F", help="the result")
+    add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=_seed, default=0, metavar="S")
     return parser
 

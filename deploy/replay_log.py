@@ -19,6 +19,7 @@ from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
 from policy.observation import term_dims
 from policy.spec import ActorSpec
+from robot.arguments import ArgumentParser, path_argument
 from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
@@ -100,14 +101,16 @@ def first_difference(actor: Actor, robot: Robot, ticks: Sequence[LoggedTick], to
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit code 0 where the replay agrees, 1 where it differs, 2 on bad input."""
-    parser = argparse.ArgumentParser(prog="deploy/replay", description=__doc__, allow_abbrev=False)
-    parser.add_argument("log", type=Path, help="an MCAP file that deploy/run --log wrote")
+    parser = ArgumentParser(prog="deploy/replay", description=__doc__, allow_abbrev=False)
+    parser.add_argument("log", type=path_argument, help="an MCAP file that deploy/run --log wrote")
     parser.add_argument("--policy", required=True, metavar="NAME|FILE")
     parser.add_argument("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
     parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE")
-    parser.add_argument("--tolerance", type=float, default=1e-5, help="largest difference of a term that is none")
-    given = parser.parse_args(arguments)
+    parser.add_argument(
+        "--tolerance", type=_tolerance, default=1e-5, metavar="T", help="largest difference of a term that is none"
+    )
     try:
+        given = parser.parse_args(arguments)
         robot = load_robot(given.robot)
         actor = load_run(given.policy, given.motion, robot, load_settings().entry).actor
         ticks, joint_names = read_ticks(given.log)
@@ -120,6 +123,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT
+
+
+def _tolerance(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"got {text}, expected a finite number from 0 up")
+    return value
 
 
 def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput) -> Iterator[tuple[str, float, float]]:

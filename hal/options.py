@@ -38,7 +38,7 @@ def load_options(cls: type[T], path: Path) -> T:
     try:
         content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     except (OSError, YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", where=path) from error
+        raise InputError(f"cannot be read: {error}", where=path) from error
     return from_mapping(cls, content, str(path))
 
 

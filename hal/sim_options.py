@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import mujoco
+
 from hal.options import config_file, load_options
 from robot.errors import InputError
 
@@ -74,6 +76,7 @@ class Randomization:
         _check_not_negative(self, where, [field.name for field in fields(self) if field.type is float])
         for name in ("friction", "kp_scale", "kd_scale", "mass_scale", "inertia_scale", "torque_noise_scale"):
             _check_range(where, name, getattr(self, name))
+        _check_friction(where, self.friction[0])
         _check_range(where, "command_delay_s", self.command_delay_s)
         _check_range(where, "push_interval_s", self.push_interval_s)
         if min(self.mass_scale[0], self.inertia_scale[0], self.push_interval_s[0], self.torque_noise_hold_s) <= 0:
@@ -106,6 +109,8 @@ class SimOptions:
         """Check ranges."""
         given = [name for name in ("friction", "command_delay_s", "push_speed_m_s") if getattr(self, name) is not None]
         _check_not_negative(self, "sim", [*given, "state_delay_s"])
+        if self.friction is not None:
+            _check_friction("sim", self.friction)
         for name in ("timestep_s", "push_interval_s"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(name, where="sim", got=getattr(self, name), expected="seconds above 0")
@@ -120,6 +125,12 @@ def _check_not_negative(owner: object, where: str, names: list[str]) -> None:
     for name in names:
         if not 0 <= getattr(owner, name) < math.inf:
             raise InputError(name, where=where, got=getattr(owner, name), expected="a finite number >= 0")
+
+
+def _check_friction(where: str, value: float) -> None:
+    """With less, MuJoCo's contacts diverge."""
+    if value < mujoco.mjMINMU:
+        raise InputError("friction", where=where, got=value, expected=f"at least {mujoco.mjMINMU:g}")
 
 
 def _check_range(where: str, name: str, value: Range) -> None:

@@ -179,9 +179,11 @@ def _checked_array(name: str, value: Any, width: int) -> np.ndarray:
     if array.ndim != 2 or array.shape[1] != width or len(array) < 2:
         raise InputError("wrong shape", where=name, got=array.shape, expected=f"(N, {width}) with N of 2 or more")
     array = np.array(array, dtype=np.float64, order="C")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    bad = np.argwhere(~np.isfinite(array))
     if bad.size:
-        raise InputError("not finite", where=f"{name}: frame {bad[0]}", got=array[bad[0]], expected="finite numbers")
+        frame, column = bad[0]
+        got = f"{array[frame, column]} in column {column}"
+        raise InputError("not finite", where=f"{name}: frame {frame}", got=got, expected="finite numbers")
     array.setflags(write=False)
     return array
 

@@ -19,4 +19,5 @@ class InputError(ValueError):
         if expected is not None:
             parts.append(f"expected {expected}")
         message = ", ".join(parts)
-        super().__init__(message if hint is None else f"{message}; {hint}")
+        whole = message if hint is None else f"{message}; {hint}"
+        super().__init__(" ".join(line.strip() for line in whole.splitlines()))

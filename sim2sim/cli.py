@@ -5,10 +5,9 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import NoReturn
 
 from deploy.outputs import check_output_file, check_output_folder, write_json
+from robot.arguments import ArgumentParser, path_argument
 from robot.errors import InputError
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
@@ -19,22 +18,14 @@ from sim2sim.table import format_table
 Writer = Callable[[Evaluation], None]
 
 
-class Parser(argparse.ArgumentParser):
-    """argparse with errors of one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise instead of printing the usage."""
-        raise InputError(message, hint=f"see {self.prog} --help")
-
-
-def build_parser() -> Parser:
+def build_parser() -> ArgumentParser:
     """The options, as people script against them."""
-    parser = Parser("sim2sim/evaluate", description="Score actors in simulation.", allow_abbrev=False)
+    parser = ArgumentParser("sim2sim/evaluate", description="Score actors in simulation.", allow_abbrev=False)
     add = parser.add_argument
     add("--policy", action="append", required=True, metavar="NAME|FILE", help="actor; give several to compare them")
     add("--motion", metavar="FILE", help="clip for an actor that carries none")
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
-    add("--sim-model", type=Path, metavar="FILE", help="another MJCF with the same joint names")
+    add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
     add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")
     add("--start-noise", type=_number, default=0.0, metavar="RAD", help="std of a normal added to each joint position")
     add("--friction", type=_number, metavar="F", help="sliding friction of every contact")
@@ -43,9 +34,9 @@ def build_parser() -> Parser:
     add("--episodes", type=_positive, default=1, metavar="N", help="how many of each actor (default 1)")
     add("--randomize", action="store_true", help="robot, ground, delay, pushes and sensor noise differ by episode")
     add("--seed", type=_count, default=0, metavar="S", help="the same seed gives the same numbers (default 0)")
-    add("--json", type=Path, metavar="F", help="write the scores")
-    add("--video", type=Path, metavar="F", help="first episode of each actor beside the reference, MP4")
-    add("--report", type=Path, metavar="DIR", help="write report.html: scores, plots, pictures")
+    add("--json", type=path_argument, metavar="F", help="write the scores")
+    add("--video", type=path_argument, metavar="F", help="first episode of each actor beside the reference, MP4")
+    add("--report", type=path_argument, metavar="DIR", help="write report.html: scores, plots, pictures")
     return parser
 
 
@@ -79,6 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("stopped before the end: no scores", file=sys.stderr)
         return 1
@@ -121,17 +115,19 @@ def _writers(options: argparse.Namespace) -> list[Writer]:
 
 
 def _number(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0.0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f"got {text}, expected a number from 0 up")
     return value
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
+    if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
-    return value
+    return int(text)
 
 
 def _positive(text: str) -> int:

@@ -47,13 +47,25 @@ def save_state(state: Mapping[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def load_state(content: bytes, source: Path) -> dict[str, Any]:
+def read_state(path: Path) -> dict[str, Any]:
+    """The state of a run in a file. InputError if it cannot be read or is no state of a run."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path) from error
+    state = load_state(content, path)
+    if not isinstance(state, dict) or {"config", "iteration"} - state.keys():
+        raise InputError("no state of a run in it", where=path, expected="a file written by train/run.py")
+    return state
+
+
+def load_state(content: bytes, source: Path) -> Any:
     """Inverse of :func:`save_state`. Runs no code from the file. InputError if it cannot be read."""
     try:
         state = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
     except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError) as error:
         foreign = isinstance(error, pickle.UnpicklingError)
-        reason = "more than tensors and plain values" if foreign else f"a damaged file ({type(error).__name__})"
+        reason = "a damaged file, or one with more than tensors and plain values" if foreign else "a damaged file"
         raise InputError(
             "unreadable checkpoint", where=source, got=reason, expected="a file written by train/run.py",
             hint="delete it to go on from an earlier one",
@@ -117,4 +129,4 @@ class Checkpoints:
                 "no checkpoint to resume from", where=self._folder, expected="a run folder with checkpoints",
                 hint="start the run anew",
             )  # fmt: skip
-        return load_state(paths[-1].read_bytes(), paths[-1])
+        return read_state(paths[-1])

@@ -44,7 +44,7 @@ def main(arguments: list[str]) -> int:
     except InputError as error:
         print("error:", *str(error).splitlines(), file=sys.stderr)
         return 2
-    except (NonFiniteError, ExportError) as error:
+    except (NonFiniteError, ExportError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0

@@ -15,7 +15,7 @@ from motion.reference import build_reference
 from robot.errors import InputError
 from robot.robot import Robot, load_robot
 from train.base_action.module import build_base_action
-from train.checkpoint import Checkpoints, load_state, write_atomically
+from train.checkpoint import Checkpoints, read_state, write_atomically
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
@@ -107,7 +107,11 @@ def replay_dump(path: Path) -> str:
     """Repeat the steps of a NaN dump; return what was seen."""
     if not path.is_file():
         raise InputError("no such file", where="replay", got=path, expected="a nan_dump_*.pt of a run")
-    dump = load_state(path.read_bytes(), path)
+    dump = read_state(path)
+    if missing := [name for name in ("group", "actions", "environment") if name not in dump]:
+        raise InputError(
+            "not a NaN dump", where=path, got=f"no {', '.join(missing)}", expected="a nan_dump_*.pt of a run"
+        )
     config = check(dump["config"])
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)

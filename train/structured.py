@@ -42,6 +42,12 @@ def within(where: str, value: float, low: float, high: float) -> None:
         raise InputError("out of range", where=where, got=value, expected=f"a number in [{low}, {high}]")
 
 
+def ordered(where: str, bounds: tuple[float, float], *, low: float = 0.0) -> None:
+    """InputError unless ``bounds`` are a range (from, to) that begins at ``low`` or above."""
+    if not low <= bounds[0] <= bounds[1]:
+        raise InputError("not a range", where=where, got=list(bounds), expected=f"[from, to] with {low:g} ≤ from ≤ to")
+
+
 def _join(where: str, name: str) -> str:
     return f"{where}.{name}" if where else name
 

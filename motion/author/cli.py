@@ -1,6 +1,5 @@
 """`motion/author/build`: rebuild the bundled clips from their choreographies."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from motion.author.solver import solve_frames
 from motion.author.stand import SIDES, StandPose, stand_pose
 from motion.author.targets import body_targets, corrected
 from motion.clip import Clip, save_clip
+from robot.arguments import ArgumentParser, path_argument
 from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
@@ -55,12 +55,14 @@ def _stand_values(stand: StandPose) -> dict[str, tuple[float, ...]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Build the named clips, or all; 0 done, 2 a wrong choreography or name."""
-    parser = argparse.ArgumentParser(prog="motion/author/build", description=__doc__)
+    parser = ArgumentParser(prog="motion/author/build", description=__doc__)
     names = sorted(path.stem for path in CHOREOGRAPHIES.glob("*.yaml"))
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"clips to build: {', '.join(names)} (default: all)")
-    parser.add_argument("--out", type=Path, default=CLIPS, metavar="DIR", help="folder for the clips")
-    options = parser.parse_args(arguments)
+    parser.add_argument("--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips")
     try:
+        options = parser.parse_args(arguments)
+        if unknown := [name for name in options.names if name not in names]:
+            raise InputError("no such choreography", got=", ".join(unknown), expected=f"some of {', '.join(names)}")
         if not options.out.is_dir():
             raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
         robot = load_robot()

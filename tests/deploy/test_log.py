@@ -128,6 +128,14 @@ def test_a_state_that_was_altered_is_named(logged, field, place, term):
     assert (difference.tick, difference.term) == (9, "actions[0] left_knee_joint")
 
 
+@pytest.mark.parametrize("tolerance", ["nan", "-1", "much"])
+def test_a_tolerance_that_is_none_is_one_line_and_exit_2(logged, capsys, tolerance):
+    assert main([str(logged[0]), "--policy", str(logged[1]), "--tolerance", tolerance]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert f"--tolerance: got {tolerance}, expected a finite number from 0 up" in error
+
+
 def test_unusable_logs_and_actors(logged, tmp_path, capsys):
     assert main([str(tmp_path / "none.mcap"), "--policy", str(logged[1])]) == 2
     (tmp_path / "text.mcap").write_text("hello, this is no log")

@@ -51,6 +51,8 @@ def test_randomisation_is_the_papers_and_the_released_configs() -> None:
         ("timestep_s: 0.001", "timestep_s: .nan", "timestep_s, got nan"),
         ("report_only: false", "report_only: 1", "report_only: wrong kind of value, got 1, expected bool"),
         ("friction: null", "friction: -0.2", "friction, got -0.2"),
+        ("friction: null", "friction: 0", "friction, got 0.0, expected at least 1e-05"),
+        ("friction: [0.6, 1.1]", "friction: [0, 1.1]", "friction, got 0.0, expected at least 1e-05"),
         ("gravity: 0.0}", "gravity: 0.0, gravitas: 1}", "noise: unknown entry, got gravitas"),
         ("support: 0.6", "support: 1.6", "band: support, got 1.6"),
         ("friction: [0.6, 1.1]", "friction: [1.1, 0.6]", "friction, got [1.1, 0.6], expected [low, high]"),

@@ -47,7 +47,9 @@ def test_wrong_field_is_named(fields, field, value, message):
 def test_not_finite_names_field_and_frame(fields, field, value):
     array = fields[field].copy()
     array[3, 1] = value
-    with pytest.raises(InputError, match=f"{field}: frame 3: not finite"):
+    with pytest.raises(
+        InputError, match=f"{field}: frame 3: not finite, got {value} in column 1, expected finite numbers"
+    ):
         Clip(**(fields | {field: array}))
 
 

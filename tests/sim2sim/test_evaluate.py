@@ -1,6 +1,7 @@
 """Episodes of toy actors through the real loop, safety rules and physics."""
 
 import base64
+import errno
 import json
 import re
 from dataclasses import replace
@@ -130,6 +131,19 @@ def test_command_writes_what_it_prints(still: str, tmp_path: Path, capsys: pytes
     assert [file.name for file in tmp_path.iterdir()] == ["scores.json"]
 
 
+def test_scores_that_cannot_be_written_are_one_line_and_exit_1(
+    still: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "scores.json")
+
+    monkeypatch.setattr("sim2sim.cli.write_json", full)
+    assert main(["--policy", still, "--json", str(tmp_path / "scores.json")]) == 1
+    assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")] == [
+        "error: [Errno 28] No space left on device: 'scores.json'"
+    ]
+
+
 def test_report_is_one_file_that_needs_nothing_else(still: str, waving: str, tmp_path: Path) -> None:
     folder = tmp_path / "report"
     assert main(["--policy", still, "--policy", waving, "--episodes", "2", "--report", str(folder)]) == 0
@@ -169,6 +183,10 @@ def test_video_shows_every_policy_beside_the_reference(still: str, waving: str, 
         (["--policy", "STILL", "--video", "video.avi"], ".mp4"),
         (["--policy", "STILL", "--report", "nowhere/report"], "--report"),
         (["--policy", "STILL", "--fast"], "--fast"),
+        (["--policy", "STILL", "--report", ""], "--report: got nothing, expected a path"),
+        (["--policy", "STILL", "--episodes", "two"], "--episodes: got two, expected a whole number from 0 up"),
+        (["--policy", "STILL", "--push", "hard"], "--push: got hard, expected a number from 0 up"),
+        (["--policy", "STILL", "--friction", "0"], "friction, got 0.0, expected at least 1e-05"),
     ],
     ids=lambda value: " ".join(value)[:50] if isinstance(value, list) else "",
 )

@@ -74,6 +74,21 @@ def test_a_file_with_code_is_refused_and_not_run(tmp_path, monkeypatch):
     assert called == []
 
 
+@pytest.mark.parametrize("state", [[1, 2], {"iteration": 3}, {"config": {}}])
+def test_a_file_without_a_run_is_one_clear_error(tmp_path, state):
+    folder = tmp_path / "checkpoints"
+    folder.mkdir()
+    torch.save(state, folder / "iteration_00000007.pt")
+    with pytest.raises(InputError, match=r"iteration_00000007\.pt: no state of a run in it"):
+        Checkpoints(tmp_path).load_newest()
+
+
+def test_a_folder_in_place_of_a_checkpoint_is_one_clear_error(tmp_path):
+    (tmp_path / "checkpoints" / "iteration_00000007.pt").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"iteration_00000007\.pt: cannot be read \(Is a directory\)"):
+        Checkpoints(tmp_path).load_newest()
+
+
 @pytest.mark.parametrize("damage", [lambda c: c[: len(c) // 2], lambda c: b"", lambda c: b"PK" + c[40:]])
 def test_damaged_checkpoint_is_one_clear_error(tmp_path, damage):
     path = Checkpoints(tmp_path).save(7, {"x": torch.zeros(100)})

@@ -16,6 +16,7 @@ from motion.library import open_motion
 from policy.actor import load_actor
 from robot.robot import load_robot
 from train import session
+from train.checkpoint import save_state
 from train.run import main
 
 RUN = Path(__file__).parents[2] / "train" / "run.py"
@@ -54,6 +55,12 @@ def test_unusable_input_is_exit_2_and_one_line(capsys, tmp_path, monkeypatch, ar
 
     assert re.search(message, failed(capsys, *arguments))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dump_that_is_none_is_refused(capsys, tmp_path):
+    path = tmp_path / "nan_dump.pt"
+    path.write_bytes(save_state({"config": {}, "iteration": 3}))
+    assert "nan_dump.pt: not a NaN dump, got no group, actions, environment" in failed(capsys, f"replay={path}")
 
 
 def test_a_clip_with_nan_or_a_wrong_joint_is_refused(capsys, tmp_path):

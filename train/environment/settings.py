@@ -6,7 +6,7 @@ from typing import Literal
 from robot.errors import InputError
 from train.environment.rewards import DIRECT, TRACKING
 from train.simulation.domain import DomainRanges
-from train.structured import at_least
+from train.structured import at_least, ordered, positive, within
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,12 @@ class CurriculumSettings:
     harder_above: float = 0.0
     easier_below: float = 0.0
 
+    def check(self, where: str) -> None:
+        """InputError unless this is a way from easy to hard."""
+        for name in ("start", "easy", "hard", "factor"):
+            at_least(f"{where}.{name}", getattr(self, name), 0.0)
+        within(f"{where}.start", self.start, *sorted((self.easy, self.hard)))
+
 
 @dataclass(frozen=True)
 class StartSettings:
@@ -50,6 +56,12 @@ class StartSettings:
     velocity_noise: float = 0.0
     first_frame_at_rest: bool = True
 
+    def __post_init__(self) -> None:
+        for name in ("joint_noise_rad", "tilt_noise_rad", "velocity_noise"):
+            at_least(f"environment.start.{name}", getattr(self, name), 0.0)
+        within("environment.start.first_frame", self.first_frame, 0.0, 1.0)
+        within("environment.start.by_failure", self.by_failure, 0.0, 1.0 - self.first_frame)
+
 
 @dataclass(frozen=True)
 class PushSettings:
@@ -57,6 +69,11 @@ class PushSettings:
 
     velocity_m_s: float = 0.0
     interval_s: tuple[float, float] = (5.0, 10.0)
+
+    def __post_init__(self) -> None:
+        at_least("environment.push.velocity_m_s", self.velocity_m_s, 0.0)
+        ordered("environment.push.interval_s", self.interval_s)
+        positive("environment.push.interval_s[0]", self.interval_s[0])
 
 
 @dataclass(frozen=True)
@@ -67,6 +84,10 @@ class TerminationSettings:
     distance: bool = True
     min_height_m: float = 0.0
     max_episode_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name in ("tilt", "max_episode_s"):
+            positive(f"environment.termination.{name}", getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -109,3 +130,11 @@ class EnvironmentSettings:
         if not self.rewards:
             raise InputError("no reward term", where="environment.rewards")
         at_least("environment.simulation.substeps", self.simulation.substeps, 1)
+        for name, noise in self.observation_noise.items():
+            at_least(f"environment.observation_noise.{name}", noise, 0.0)
+        for name in ("error_limit_m", "penalty_scale", "randomization_scale"):
+            getattr(self, name).check(f"environment.{name}")
+        within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
+        positive("environment.torque_soft_factor", self.torque_soft_factor)
+        if self.penalty_step_max is not None:
+            positive("environment.penalty_step_max", self.penalty_step_max)

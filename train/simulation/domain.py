@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import torch
 
 from robot.robot import Robot
+from train.structured import at_least, ordered, positive
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,16 @@ class DomainRanges:
     torque_noise_scale: tuple[float, float] = (0.5, 1.5)
     torque_offset: float = 0.0
     delay_s: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        where = "environment.randomization"
+        ranges = (f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple))
+        for name in ranges:
+            ordered(f"{where}.{name}", getattr(self, name))
+        for name in ("friction", "mass_scale", "inertia_scale"):
+            positive(f"{where}.{name}[0]", getattr(self, name)[0])
+        for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
+            at_least(f"{where}.{name}", getattr(self, name), 0.0)
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,10 @@ def test_command_writes_the_clip(tmp_path: Path, capsys: pytest.CaptureFixture):
     assert capsys.readouterr().out.startswith("stand: 20 s")
 
 
-@pytest.mark.parametrize("arguments", [["nothing"], ["stand", "--out", "no/such/folder"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["nothing"], ["stand", "nothing"], ["../motion/stand"], ["--what"], ["stand", "--out", "no/such/folder"]],
+)
 def test_command_ends_with_2_and_one_line(arguments: list[str], capsys: pytest.CaptureFixture):
     assert main(arguments) == 2
     captured = capsys.readouterr()
