@@ -26,25 +26,28 @@ from typing import Any
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 try:
-    import numpy as np
-    import torch
-    from mujoco.rollout import Rollout
+    from robot.interrupt import ends_at_once
 
-    from deploy.outputs import check_output_file, write_json
-    from motion.reference import build_reference
-    from robot.errors import InputError
-    from robot.kinematics import Kinematics
-    from train.base_action.module import build_base_action
-    from train.config import compose_document
-    from train.environment.factory import build_environment
-    from train.environment.observations import Observations
-    from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
-    from train.learner.build import build_learner
-    from train.learner.ppo import Ppo
-    from train.nan_guard import NanGuard
-    from train.progress import Progress
-    from train.runner import Budget, Runner
-    from train.session import Setup, new_setup
+    with ends_at_once():
+        import numpy as np
+        import torch
+        from mujoco.rollout import Rollout
+
+        from deploy.outputs import check_output_file, write_json
+        from motion.reference import build_reference
+        from robot.errors import InputError
+        from robot.kinematics import Kinematics
+        from train.base_action.module import build_base_action
+        from train.config import compose_document
+        from train.environment.factory import build_environment
+        from train.environment.observations import Observations
+        from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+        from train.learner.build import build_learner
+        from train.learner.ppo import Ppo
+        from train.nan_guard import NanGuard
+        from train.progress import Progress
+        from train.runner import Budget, Runner
+        from train.session import Setup, new_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
@@ -272,7 +275,6 @@ def main(arguments: list[str]) -> int:
         return 2
     except KeyboardInterrupt:
         print("stopped before the end: no figures", file=sys.stderr)
-        return 1
     return 0
 
 

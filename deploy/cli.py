@@ -20,8 +20,8 @@ DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run, print what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
     try:
-        options = parse(arguments)
         with StopSignals() as signals:
+            options = parse(arguments)
             report = run_session(options, signals)
             if options.json is not None:
                 write_json(options.json, report.content)
@@ -64,6 +64,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         realtime=given.realtime,
         video=given.video,
         viewer=given.viewer,
+        meshes=given.meshes,
         log=given.log,
         dry_run=given.dry_run,
         json=given.json,
@@ -97,6 +98,7 @@ def _parser() -> ArgumentParser:
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
     add("--video", type=path_argument, metavar="F", help="MP4 with the reference as a ghost")
     add("--viewer", action="store_true", help="live window")
+    add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
     add("--dry-run", action="store_true", help="preflight only")
     add("--json", type=path_argument, metavar="F", help="the result")

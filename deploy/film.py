@@ -63,7 +63,11 @@ class Film:
             self._frames.append((qpos, ghost_qpos(self._recorder, result)))
 
     def draw(self, model: mujoco.MjModel, enough: Callable[[], bool]) -> bool:
-        """Write the MP4. `enough` is asked before each frame; True leaves no file, and the answer is False."""
+        """Write the MP4. `enough` is asked before each frame; True leaves no file, and the answer is False,
+        as it is where there was nothing to see.
+        """
+        if not self._frames:
+            return False
         data = mujoco.MjData(model)
         try:
             with open_renderer(model, *SIZE) as renderer, self._writer as video:

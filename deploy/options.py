@@ -27,6 +27,7 @@ class RunOptions:
     realtime: bool | None = None
     video: Path | None = None
     viewer: bool = False
+    meshes: Path | None = None
     log: Path | None = None
     dry_run: bool = False
     json: Path | None = None
@@ -48,5 +49,7 @@ class RunOptions:
             raise InputError("--interactive and --fast", hint="a person needs --realtime")
         if self.backend != "mujoco" and (self.viewer or self.sim_model or self.sim != "default"):
             raise InputError("--sim, --sim-model and --viewer", got=f"--backend {self.backend}", expected="mujoco")
+        if self.meshes and self.viewer and self.sim_model:
+            raise InputError("--meshes with --viewer and --sim-model", hint="the window shows the model file as it is")
         if self.start is Start.STAND and self.start_noise_rad and self.backend != "mujoco":
             raise InputError("--start-noise", got=f"--backend {self.backend}", expected="mujoco, or --start reference")

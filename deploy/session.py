@@ -33,7 +33,7 @@ from hal.sim_options import SimOptions, load_sim_options
 from hal.types import DeviceInfo
 from motion.metrics import METRIC_KEYS, over_episodes
 from robot.kinematics import Kinematics
-from robot.mjcf import compile_model
+from robot.mjcf import check_meshes, compile_model
 from robot.robot import Robot, load_robot
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
         ended_by, failure = ("plan", None) if options.dry_run else _perform(options, setup, performer, film, signals)
     report = _report(options, setup, performer, ended_by, failure)
     if film is not None and not options.dry_run:
-        model = compile_model(setup.robot, timestep_s=setup.period_s)
+        model = compile_model(setup.robot, timestep_s=setup.period_s, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
             print(f"stopped: {options.video} was not drawn", flush=True)
     return report
@@ -107,6 +107,8 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
 def _prepare(options: RunOptions) -> _Setup:
     """Load everything that a user may have got wrong."""
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
+    if options.meshes is not None:
+        check_meshes(robot, options.meshes)
     actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
     period_s = check_same_period([*actors, *([] if stand is None else [stand])])
@@ -119,6 +121,7 @@ def _prepare(options: RunOptions) -> _Setup:
         sim=sim,
         sim_model=options.sim_model,
         band=options.start is Start.STAND,
+        meshes=options.meshes if options.viewer else None,
         rng=np.random.default_rng(options.seed),
     )
     return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend)

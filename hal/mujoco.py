@@ -44,13 +44,14 @@ class MujocoBackend(ClosesByDamping):
         control_period_s: float = 0.02,
         sim_model: Path | None = None,
         band: bool = True,
+        meshes: Path | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
         super().__init__(clock, control_period_s)
         self.robot, self.options = robot, options
         self.on_advance: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
         self._sim_model = sim_model
-        self._plant = Plant(robot, build_plant_model(robot, options, sim_model=sim_model, band=band))
+        self._plant = Plant(robot, build_plant_model(robot, options, sim_model=sim_model, band=band, meshes=meshes))
         self._band = Band(self._plant.model, self._plant.data, options.band) if band else None
         self._damping = damping_command(robot.damping_kd)
         self._rng = np.random.default_rng(0) if rng is None else rng

@@ -26,12 +26,13 @@ def open_backend(
     sim: str | Path | SimOptions = "default",
     sim_model: Path | None = None,
     band: bool = True,
+    meshes: Path | None = None,
     rng: np.random.Generator | None = None,
 ) -> Backend:
     """Build the backend `name`; entering it connects.
 
-    config: file or name in configs/hal (mock). sim, sim_model, band, rng: see MujocoBackend; sim may be a name in
-    configs/sim, a file, or the options themselves. Raises InputError on an unknown name or an unusable option.
+    config: file or name in configs/hal (mock). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
+    name in configs/sim, a file, or the options themselves. Raises InputError on an unknown name or an unusable option.
     """
     if name == "mock":
         if sim_model is not None:
@@ -41,6 +42,13 @@ def open_backend(
     if name == "mujoco":
         sim_options = sim if isinstance(sim, SimOptions) else load_sim_options(sim)
         return MujocoBackend(
-            robot, clock, sim_options, control_period_s=control_period_s, sim_model=sim_model, band=band, rng=rng
+            robot,
+            clock,
+            sim_options,
+            control_period_s=control_period_s,
+            sim_model=sim_model,
+            band=band,
+            meshes=meshes,
+            rng=rng,
         )
     raise InputError("unknown backend", got=name, expected=f"one of {', '.join(BACKENDS)}")

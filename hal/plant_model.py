@@ -12,15 +12,21 @@ from robot.robot import Robot
 
 
 def build_plant_model(
-    robot: Robot, options: SimOptions, *, sim_model: Path | None = None, band: bool = False
+    robot: Robot,
+    options: SimOptions,
+    *,
+    sim_model: Path | None = None,
+    band: bool = False,
+    meshes: Path | None = None,
 ) -> mujoco.MjModel:
     """Compile the robot (or the MJCF `sim_model`) with one PD motor per joint, in joint-table order.
 
     A motor's force is ctrl - kp q - kd dq, clipped at the torque limit of the joint table; kp and kd are in `biasprm`.
+    `meshes`: a folder with the maker's, to be seen on the robot's own model; physics does not notice them.
     The integrator is Euler, in which actuator forces are explicit: computed from the state at the step's start.
     Raises InputError where the file is missing or does not fit the robot.
     """
-    spec = build_spec(robot) if sim_model is None else _read_spec(sim_model, robot)
+    spec = build_spec(robot, meshes=meshes) if sim_model is None else _read_spec(sim_model, robot)
     spec.option.timestep = options.timestep_s
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)

@@ -20,4 +20,4 @@ class InputError(ValueError):
             parts.append(f"expected {expected}")
         message = ", ".join(parts)
         whole = message if hint is None else f"{message}; {hint}"
-        super().__init__(" ".join(line.strip() for line in whole.splitlines()))
+        super().__init__(" ".join(line for line in map(str.strip, whole.splitlines()) if line))

@@ -56,7 +56,17 @@ def compile_model(
         scene.strip_visuals(spec)
     if edit is not None:
         edit(spec)
-    return spec.compile()
+    if meshes is None:
+        return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError("a mesh cannot be read", where=f"meshes {meshes}", got=" ".join(str(error).split())) from error
+
+
+def check_meshes(robot: Robot, folder: Path) -> None:
+    """Raise InputError unless the maker's meshes in ``folder`` can be shown on the robot."""
+    compile_model(robot, timestep_s=0.001, meshes=folder)
 
 
 def _add_actuator(spec: mujoco.MjSpec, robot: Robot, i: int, actuation: Actuation) -> None:

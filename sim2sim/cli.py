@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from deploy.outputs import check_output_file, check_output_folder, write_json
 from robot.arguments import ArgumentParser, path_argument
 from robot.errors import InputError
+from robot.mjcf import check_meshes
+from robot.robot import load_robot
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
 from sim2sim.progress import Progress
@@ -37,6 +39,7 @@ def build_parser() -> ArgumentParser:
     add("--json", type=path_argument, metavar="F", help="write the scores")
     add("--video", type=path_argument, metavar="F", help="first episode of each actor beside the reference, MP4")
     add("--report", type=path_argument, metavar="DIR", help="write report.html: scores, plots, pictures")
+    add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and report")
     return parser
 
 
@@ -65,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_output_file("--json", options.json)
         check_output_file("--video", options.video)
         check_output_folder("--report", options.report)
+        if options.meshes is not None:
+            check_meshes(load_robot(), options.meshes)
         writers = _writers(options)
         _run(request_of(options), writers)
     except InputError as error:
@@ -75,7 +80,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         print("stopped before the end: no scores", file=sys.stderr)
-        return 1
     return 0
 
 
@@ -103,11 +107,11 @@ def _writers(options: argparse.Namespace) -> list[Writer]:
             from view.output import check_output_path
 
             check_output_path(options.video, (".mp4",))
-            writers.append(lambda evaluation: write_video(options.video, evaluation))
+            writers.append(lambda evaluation: write_video(options.video, evaluation, options.meshes))
         if options.report:
             from sim2sim.report import write_report
 
-            writers.append(lambda evaluation: write_report(options.report, evaluation))
+            writers.append(lambda evaluation: write_report(options.report, evaluation, options.meshes))
     except ModuleNotFoundError as error:
         hint = "run make install, or pip install -e '.[view]'"
         raise InputError("pictures need a package that is not installed", got=error.name, hint=hint) from error

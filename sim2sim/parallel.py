@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -41,7 +42,8 @@ def _serial(player: Player, jobs: Sequence[Job]) -> Iterator[tuple[Job, EpisodeS
 def _parallel(request: Request, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, EpisodeScore]]:
     context = multiprocessing.get_context("spawn")
     with _one_thread_each(), ProcessPoolExecutor(workers, context, _prepare, (request,)) as pool:
-        futures = {pool.submit(_play, job): job for job in jobs}
+        with _interrupts_ignored():
+            futures = {pool.submit(_play, job): job for job in jobs}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -64,12 +66,30 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes started within are deaf to Ctrl-C, which reaches the whole group: this one ends them."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 _players: list[Player] = []  # the one of this worker process, built once
 
 
 def _prepare(request: Request) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends the workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _players.append(Player(request))
+
+
+def _end_with_parent() -> None:
+    """However the parent ends, killed for example, nobody is left waiting for work."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _play(job: Job) -> EpisodeScore:

@@ -29,14 +29,21 @@ def error_over_time(runs: Runs, period_s: float) -> bytes:
 
 
 def survival_over_time(runs: Runs, period_s: float) -> bytes:
-    """Share of episodes still running along the clip, in %."""
+    """Share of episodes along the clip that have not ended early yet, in %."""
     figure, axes = _figure("Episodes still running", height_in=2.2)
     for name, episodes in runs.items():
-        lengths = np.array([len(episode.qpos) for episode in episodes])
-        ticks = np.arange(lengths.max(initial=0) + 1)
-        axes.step(period_s * ticks, 100 * (lengths >= ticks[:, None]).mean(axis=1), where="post", label=name)
+        percent = survival_percent(episodes)
+        axes.step(period_s * np.arange(percent.size), percent, where="post", label=name)
     axes.set(xlabel="time in the clip (s)", ylabel="episodes (%)", ylim=(-2, 102))
     return _png(figure, axes, runs)
+
+
+def survival_percent(episodes: Sequence[EpisodeScore]) -> np.ndarray:
+    """(T + 1,) share of episodes, in %, that have not ended early after 0, 1, ... steps; T: steps of the longest."""
+    lengths = np.array([len(episode.qpos) for episode in episodes])
+    survived = np.array([episode.survived for episode in episodes])
+    steps = np.arange(lengths.max(initial=0) + 1)
+    return 100 * (survived | (lengths > steps[:, None])).mean(axis=1)
 
 
 def error_per_body(runs: Runs, tracked_names: Sequence[str]) -> bytes:

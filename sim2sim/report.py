@@ -30,28 +30,32 @@ class Picture:
     png: bytes
 
 
-def write_report(folder: Path, evaluation: Evaluation) -> None:
-    """Write `report.html`, complete or not at all, into `folder`, which is made if need be."""
-    page = _page(evaluation, _pictures(evaluation))
+def write_report(folder: Path, evaluation: Evaluation, meshes: Path | None = None) -> None:
+    """Write `report.html`, complete or not at all, into `folder`, which is made if need be.
+
+    meshes: folder of the maker's, see robot.mjcf.
+    """
+    page = _page(evaluation, _pictures(evaluation, meshes))
     folder.mkdir(exist_ok=True)
     with replacing(folder / "report.html") as unfinished:
         unfinished.write_text(page, encoding="utf-8")
 
 
-def _pictures(evaluation: Evaluation) -> list[Picture]:
-    runs = {run.name: [episode for episode in run.episodes if len(episode.qpos)] for run in evaluation.runs}
+def _pictures(evaluation: Evaluation, meshes: Path | None) -> list[Picture]:
+    everyone = {run.name: run.episodes for run in evaluation.runs}
+    runs = {name: [episode for episode in episodes if len(episode.qpos)] for name, episodes in everyone.items()}
     runs = {name: episodes for name, episodes in runs.items() if episodes}
     if not runs:
         return []
     period_s, robot = evaluation.player.period_s, evaluation.player.robot
-    with Stage(robot) as stage:
+    with Stage(robot, meshes) as stage:
         strips = [
             Picture(f"{name}: first episode, the reference shown through", plots.picture_png(stage.strip(episodes[0])))
             for name, episodes in runs.items()
         ]
     return [
         Picture("Along the clip", plots.error_over_time(runs, period_s)),
-        Picture("Survival", plots.survival_over_time(runs, period_s)),
+        Picture("Survival", plots.survival_over_time(everyone, period_s)),
         *strips,
         Picture("Bodies", plots.error_per_body(runs, robot.tracked_names)),
         Picture("Joints", plots.error_per_joint(runs, robot.joint_names)),

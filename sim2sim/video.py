@@ -17,17 +17,20 @@ from view.renderer import open_renderer
 from view.video import VideoWriter
 
 PANEL_WIDTH, PANEL_HEIGHT = 480, 480
-STRIP_PICTURES = 8
+STRIP_PICTURES, STRIP_COLUMNS = 8, 4
 
 
-def write_video(path: Path, evaluation: Evaluation) -> None:
-    """The first episode of each policy, one panel each, and the reference in the last. Every second step is shown."""
+def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) -> None:
+    """The first episode of each policy, one panel each, and the reference in the last. Every second step is shown.
+
+    meshes: folder of the maker's, see robot.mjcf.
+    """
     episodes = [run.episodes[0] for run in evaluation.runs if len(run.episodes[0].qpos)]
     if not episodes:
         raise InputError("nothing to show: no episode reached the motion", where=path)
     fps = round(0.5 / evaluation.player.period_s)
     size = (PANEL_WIDTH * (len(episodes) + 1), PANEL_HEIGHT)
-    with Stage(evaluation.player.robot) as stage, VideoWriter(path, fps, size) as video:
+    with Stage(evaluation.player.robot, meshes) as stage, VideoWriter(path, fps, size) as video:
         for frame in _side_by_side(stage, episodes):
             video.add(frame)
 
@@ -35,8 +38,8 @@ def write_video(path: Path, evaluation: Evaluation) -> None:
 class Stage:
     """Draws poses of the robot: qpos (7+J) is root position, root quaternion wxyz, joints in the robot's order."""
 
-    def __init__(self, robot: Robot) -> None:
-        self._model = compile_model(robot, timestep_s=0.001)
+    def __init__(self, robot: Robot, meshes: Path | None = None) -> None:
+        self._model = compile_model(robot, timestep_s=0.001, meshes=meshes)
         self._data = mujoco.MjData(self._model)
         self._renderer = open_renderer(self._model, PANEL_WIDTH, PANEL_HEIGHT)
 
@@ -50,12 +53,15 @@ class Stage:
         """(H,W,3) uint8."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)  # the lamp follows the robot
         return self._renderer.render(self._data, ghost_qpos=ghost_qpos)
 
     def strip(self, episode: EpisodeScore) -> np.ndarray:
-        """Pictures at equal distances through an episode, side by side, the reference shown through: (H,W,3) uint8."""
+        """Pictures at equal distances through an episode, in two rows, the reference shown through: (H,W,3) uint8."""
         rows = np.linspace(0, len(episode.qpos) - 1, STRIP_PICTURES).round().astype(int)
-        return filmstrip([self.picture(episode.qpos[row], episode.ref_qpos[row]) for row in rows])
+        pictures = [self.picture(episode.qpos[row], episode.ref_qpos[row]) for row in rows]
+        return filmstrip(pictures, columns=STRIP_COLUMNS)
 
 
 def _side_by_side(stage: Stage, episodes: Sequence[EpisodeScore]) -> Iterator[np.ndarray]:

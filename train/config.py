@@ -22,10 +22,11 @@ from train.base_action.module import BaseActionSettings
 from train.environment.settings import EnvironmentSettings
 from train.learner.precision import available_cores, resolve_precision
 from train.learner.settings import LearnerSettings
-from train.structured import at_least, parse, positive
+from train.structured import at_least, parse, positive, within
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
 _PATH_KEYS = ("motion", "robot", "run_dir")
+MAX_SEED = 2**32 - 1
 _BUDGET_KEYS = ("iterations", "minutes")
 
 
@@ -52,7 +53,7 @@ class TrainConfig:
     environment: EnvironmentSettings
 
     def __post_init__(self) -> None:
-        at_least("seed", self.seed, 0)
+        within("seed", self.seed, 0, MAX_SEED)
         for name in ("num_envs", "checkpoint_every", "threads"):
             at_least(name, getattr(self, name), 1)
         for name in ("iterations", "evaluate_every"):

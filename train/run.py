@@ -21,11 +21,14 @@ def main(arguments: list[str]) -> int:
         print(__doc__)
         return 0
     try:
-        from robot.errors import InputError
-        from train.config import compose_document
-        from train.export import ExportError
-        from train.nan_guard import NonFiniteError
-        from train.session import new_setup, replay_dump, resumed_setup, train
+        from robot.interrupt import ends_at_once
+
+        with ends_at_once():
+            from robot.errors import InputError
+            from train.config import compose_document
+            from train.export import ExportError
+            from train.nan_guard import NonFiniteError
+            from train.session import new_setup, replay_dump, resumed_setup, train
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2
@@ -47,6 +50,8 @@ def main(arguments: list[str]) -> int:
     except (NonFiniteError, ExportError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("stopped before the training began: nothing written", file=sys.stderr)
     return 0
 
 

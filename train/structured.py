@@ -42,10 +42,10 @@ def within(where: str, value: float, low: float, high: float) -> None:
         raise InputError("out of range", where=where, got=value, expected=f"a number in [{low}, {high}]")
 
 
-def ordered(where: str, bounds: tuple[float, float], *, low: float = 0.0) -> None:
-    """InputError unless ``bounds`` are a range (from, to) that begins at ``low`` or above."""
-    if not low <= bounds[0] <= bounds[1]:
-        raise InputError("not a range", where=where, got=list(bounds), expected=f"[from, to] with {low:g} ≤ from ≤ to")
+def ordered(where: str, bounds: tuple[float, float]) -> None:
+    """InputError unless ``bounds`` are a range (from, to) that begins at zero or above."""
+    if not 0.0 <= bounds[0] <= bounds[1]:
+        raise InputError("not a range", where=where, got=list(bounds), expected="[from, to] with 0 ≤ from ≤ to")
 
 
 def _join(where: str, name: str) -> str:

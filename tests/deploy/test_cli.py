@@ -114,6 +114,8 @@ def test_duration_ends_it(actors):
 BAD = [
     (["--backend", "warp"], "invalid choice: 'warp'"),
     (["--backend", "mock", "--json", "none/a.json"], "--json none/a.json: no such folder"),
+    (["--backend", "mock", "--meshes", "none"], "meshes: no such folder, got none"),
+    (["--backend", "mujoco", "--viewer", "--meshes", ".", "--sim-model", "none.xml"], "--meshes with --viewer"),
     (["--backend", "mock", "--log", "none/logs"], "--log none/logs: no such folder"),
     (["--backend", "mock", "--video", "none/v.mp4"], "--video none/v.mp4: no such folder"),
     (["--backend", "mujoco", "--sim-model", "none.xml"], "none.xml"),

@@ -43,6 +43,12 @@ def test_stopped_leaves_no_file(tmp_path):
     assert [path.suffix for path in tmp_path.iterdir()] == [".onnx"]
 
 
+def test_nothing_seen_leaves_no_file(tmp_path):
+    film, _, _ = filmed(tmp_path, 1)
+    assert not film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: False)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".onnx"]
+
+
 def test_the_ghost_is_the_reference_at_this_tick(tmp_path):
     _, recorder, result = filmed(tmp_path, 3)
     ghost = ghost_qpos(recorder, result)

@@ -1,5 +1,6 @@
 """Keys on a real pseudo-terminal and a pipe; signals in a process that inherited them ignored."""
 
+import contextlib
 import os
 import pty
 import signal
@@ -81,13 +82,11 @@ def test_single_keys_on_a_terminal_which_is_restored_whatever_happens(error):
     os.write(terminal, b"d")
     while b"damp\r\n" not in output:
         output += os.read(terminal, 1024)
-    after = termios.tcgetattr(terminal)
-    try:
+    with contextlib.suppress(OSError):  # the child has gone
         while os.read(terminal, 1024):
-            after = termios.tcgetattr(terminal)
-    except OSError:
-        pass
+            pass
     os.waitpid(pid, 0)
+    after = termios.tcgetattr(terminal)  # of the terminal, which outlives the child
     assert not during[3] & termios.ICANON and during[3] & termios.ISIG
     assert before[3] == after[3] and after[3] & termios.ICANON
 

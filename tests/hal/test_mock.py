@@ -176,7 +176,7 @@ def test_device_fault_names_the_motor() -> None:
 
 
 def test_a_stuck_joint_does_not_move() -> None:
-    state = at(Fault("stuck_joint", 0.0, joint=KNEE), 0.2)
+    state = at(Fault("stuck_joint", 0.0, joint=KNEE), 2.0)
     assert state.joint_pos_rad[K] == 0.0
     np.testing.assert_allclose(np.delete(state.joint_pos_rad, K), np.delete(G1.default_pos_rad, K), atol=1e-3)
 

@@ -142,3 +142,18 @@ def test_an_explosion_is_not_hidden_by_a_silent_reset(tmp_path: Path, monkeypatc
     backend.data.qvel[:] = 1e9
     backend.clock.sleep_until(0.01)
     assert not np.isfinite(backend.read().joint_pos_rad).all() or np.abs(backend.data.qpos).max() > 1e3
+
+
+@needs_shared_data
+def test_the_makers_meshes_are_seen_and_change_no_physics() -> None:
+    states = []
+    for meshes in (None, SHARED / "robot" / "meshes"):
+        backend = MujocoBackend(G1, SimulatedClock(), sim_options(push_speed_m_s=0.5), band=True, meshes=meshes)
+        with backend:
+            backend.hang()
+            run(backend, hold(G1), 0.5)
+            backend.release_band()
+            run(backend, hold(G1), 0.5)
+            states.append(np.concatenate([backend.data.qpos, backend.data.qvel]))
+        assert backend.model.nmesh == (0 if meshes is None else 2)
+    np.testing.assert_array_equal(*states)

@@ -1,6 +1,7 @@
 """The repository keeps its own rules: rooms, sizes, names."""
 
 import ast
+import os
 import re
 import stat
 import subprocess
@@ -93,6 +94,19 @@ def test_a_command_outside_the_environment_says_what_to_do(name: str) -> None:
     result = subprocess.run([sys.executable, "-S", "-P", name], cwd=ROOT, capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert result.stderr.count("\n") == 1 and "make install" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "motion/author/build"]
+)
+def test_ctrl_c_while_modules_load_is_an_orderly_stop(name: str, tmp_path: Path) -> None:
+    interrupted = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
+    (tmp_path / "mujoco.py").write_text(interrupted)
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    command = [sys.executable, "-P", name]
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout) == (0, "")
+    assert result.stderr == "stopped before anything began\n"
 
 
 def test_make_lists_its_targets() -> None:

@@ -1,5 +1,6 @@
 """Errors that people cause are one line."""
 
+import numpy as np
 import pytest
 
 from robot.arguments import ArgumentParser, path_argument
@@ -16,6 +17,10 @@ def test_an_error_is_one_line_whatever_it_quotes():
         str(InputError("unreadable", got="while parsing\n  a flow node\n"))
         == "unreadable, got while parsing a flow node"
     )
+    row = np.arange(40.0)
+    assert "\n" in str(row)
+    message = str(InputError("joints", where="clip.npz", got=row, expected=np.zeros((2, 2)), hint="a\r\n\n b"))
+    assert message.splitlines() == [message] and message.endswith("39.], expected [[0. 0.] [0. 0.]]; a b")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from robot.errors import InputError
-from robot.mjcf import build_spec, compile_model
+from robot.mjcf import build_spec, check_meshes, compile_model
 from robot.robot import load_robot
 from tests.robot.toy import load_toy
 from tests.shared_data import SHARED, needs_shared_data
@@ -126,3 +126,7 @@ def test_useless_mesh_folders_are_refused(tmp_path):
         compile_model(robot, timestep_s=0.005, meshes=tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"no mesh of this robot.*pelvis\.STL"):
         compile_model(robot, timestep_s=0.005, meshes=tmp_path)
+    (tmp_path / "pelvis.STL").write_bytes(b"not a mesh" * 20)
+    with pytest.raises(InputError, match=r"meshes .*: a mesh cannot be read, got .*pelvis\.STL") as caught:
+        check_meshes(robot, tmp_path)
+    assert "\n" not in str(caught.value)

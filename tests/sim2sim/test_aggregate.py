@@ -8,6 +8,7 @@ import pytest
 from motion.metrics import METRIC_KEYS
 from sim2sim.aggregate import run_document, survival_rate, worst_frame
 from sim2sim.episode import EpisodeScore
+from sim2sim.plots import survival_percent
 from sim2sim.table import format_table, main
 
 
@@ -37,6 +38,14 @@ def test_what_no_episode_knows_is_null_and_the_others_count() -> None:
 
 def test_survival_is_the_share_that_reached_the_end() -> None:
     assert survival_rate([episode(1.0), episode(1.0, "fall"), episode(1.0, "tilt"), episode(1.0)]) == 0.5
+
+
+def test_survival_drops_where_an_episode_ends_early() -> None:
+    """Ends after 2 of 3 steps, never begins, reaches the end twice."""
+    steps = [([[0.0]] * 2, "tilt"), (np.zeros((0, 1)), "fall"), ([[0.0]] * 3, "completed"), ([[0.0]] * 3, "completed")]
+    episodes = [episode(1.0, ended, errors) for errors, ended in steps]
+    assert survival_percent(episodes).tolist() == [75.0, 75.0, 50.0, 50.0]
+    assert survival_percent(episodes[:1]).tolist() == [100.0, 100.0, 0.0]
 
 
 def test_worst_frame_is_the_step_with_the_largest_mean_over_points() -> None:

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -16,6 +17,8 @@ from sim2sim.cli import main
 from sim2sim.evaluation import evaluate, run_names
 from sim2sim.player import Player
 from sim2sim.request import Request
+from sim2sim.video import Stage
+from tests.shared_data import SHARED, needs_shared_data
 from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
 
 
@@ -165,6 +168,41 @@ def test_video_shows_every_policy_beside_the_reference(still: str, waving: str, 
     assert len(frames) == 10 and width == 3 * height
 
 
+def test_the_lamp_shines_on_the_robot_wherever_it_is(still: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rays = []
+
+    class Watcher:
+        def render(self, data: mujoco.MjData, ghost_qpos: np.ndarray | None) -> None:
+            rays.append((data.light_xpos[0].copy(), data.light_xdir[0].copy()))
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr("sim2sim.video.open_renderer", lambda *_: Watcher())
+    qpos = Player(request(still)).play(0, 0).qpos[0].astype(np.float64)
+    with Stage(ROBOT) as stage:
+        for x_m in (0.0, 5.0):
+            qpos[0] = x_m
+            stage.picture(qpos)
+    (here, down), (there, still_down) = rays
+    np.testing.assert_allclose(there - here, [5.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm([down, still_down], axis=1), 1.0)
+    assert down[2] < -0.8
+
+
+@needs_shared_data
+def test_the_makers_meshes_are_in_the_pictures(still: str) -> None:
+    qpos = Player(request(still)).play(0, 0).qpos[0]
+    pictures = []
+    for meshes in (None, SHARED / "robot" / "meshes"):
+        with Stage(ROBOT, meshes) as stage:
+            pictures.append(stage.picture(qpos))
+    changed = (pictures[0] != pictures[1]).any(axis=2)
+    rows = np.flatnonzero(changed.any(axis=1))
+    assert 50 < changed.sum() < 0.05 * changed.size  # the feet, low in the picture
+    assert rows.min() > 0.7 * changed.shape[0]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -182,6 +220,7 @@ def test_video_shows_every_policy_beside_the_reference(still: str, waving: str, 
         (["--policy", "STILL", "--video", "nowhere/video.mp4"], "--video"),
         (["--policy", "STILL", "--video", "video.avi"], ".mp4"),
         (["--policy", "STILL", "--report", "nowhere/report"], "--report"),
+        (["--policy", "STILL", "--meshes", "nowhere"], "meshes: no such folder, got nowhere"),
         (["--policy", "STILL", "--fast"], "--fast"),
         (["--policy", "STILL", "--report", ""], "--report: got nothing, expected a path"),
         (["--policy", "STILL", "--episodes", "two"], "--episodes: got two, expected a whole number from 0 up"),

@@ -1,5 +1,7 @@
 """The model-based action: static equilibrium, balance without learning, the same numbers in torch and onnxruntime."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import torch
 from motion.library import open_motion
 from motion.reference import build_reference
 from robot.mjcf import compile_model
-from tests.train.worlds import g1, settings, swaying_reference
+from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
 from train.base_action.estimator import ObservedColumns, interpolate
 from train.base_action.feedback import _StanceGeometry
 from train.base_action.feedforward import feedforward_torques
@@ -82,6 +84,17 @@ def test_on_the_reference_the_action_is_the_feedforward_target():
     observation[0, columns.action] = base.deviation.reference[tick, columns.measured.shape[1] :]
     observation[0, columns.phase] = tick / 50
     assert base(observation)[0].numpy() == pytest.approx(base.targets[tick].numpy(), abs=1e-4)
+
+
+def test_a_clip_that_ends_between_ticks_keeps_the_ticks_of_the_base():
+    """At 30 frames per second phase 1 lies after the last tick: each tick still reads its own row."""
+    robot = g1()
+    clip = replace(swaying_clip(robot, 1.0), fps=30.0)  # 51 frames, 1.667 s, 83 ticks
+    reference = build_reference(clip, robot)
+    base = build_base_action(BaseActionSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
+    observation = torch.zeros(84, 380)
+    observation[:, ObservedColumns.of(robot).phase] = torch.tensor(reference.phase).float()
+    assert base(observation).numpy() == pytest.approx(base.targets.numpy(), abs=1e-4)
 
 
 def test_columns_are_those_of_the_layout():

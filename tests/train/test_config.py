@@ -77,6 +77,14 @@ def test_release_preset_is_the_authors_file():
     assert ours.environment.penalty_scale.factor == released["rewards"]["reward_penalty_degree"]
 
 
+def test_presets_differ_in_what_is_randomised_as_the_paper_and_the_file_do():
+    paper, release, default = (
+        config(f"train={name}").environment.randomization for name in ("paper", "pbhc_release", "default")
+    )
+    assert (paper.inertia_of, release.inertia_of, default.inertia_of) == ("ankles", "all", "all")
+    assert not paper.delay_whole_steps and release.delay_whole_steps and not default.delay_whole_steps
+
+
 def unnamed(kind, section, where):
     """Fields that the composed document does not name: they could not be overridden on the command line."""
     missing = [f"{where}.{f.name}" for f in fields(kind) if f.name not in section]
@@ -145,7 +153,8 @@ REFUSED = [
     ("iterations=null", "iterations: no budget"),
     ("minutes=0", "minutes: not positive"),
     ("checkpoint_every=0", "checkpoint_every: too small"),
-    ("seed=-1", "seed: too small"),
+    ("seed=-1", "seed: out of range"),
+    ("seed=9999999999999999999", "seed: out of range"),
     ("threads=0", "threads: too small"),
     ("sigma=fine", "sigma: unknown choice, got fine, expected one of adaptive, coarse, medium, upperbound, lowerbound"),
     ("value=matrix", "value: unknown choice, got matrix"),

@@ -15,6 +15,7 @@ from train.environment.factory import start_lift_m
 from train.environment.settings import CurriculumSettings, StartSettings
 from train.environment.starts import BIN_TICKS, StartSampler
 from train.environment.tick import ReferenceTable
+from train.nan_guard import NonFiniteError
 from train.simulation.domain import DomainRanges
 
 FIRST_FRAME = {"first_frame": 1.0}
@@ -208,6 +209,10 @@ def test_the_chance_to_survive_follows_the_rate_of_failures():
         ({"rewards": {"no_such_term": {"weight": 1.0}}}, "unknown reward term"),
         ({"rewards": {"joint_position": {"weight": 1.0}}}, "needs a sigma"),
         ({"rewards": {}}, "no reward term"),
+        ({"rewards": {"contact_mask": {"weight": 1.0}}}, "no tracking term"),
+        ({"observation_noise": {"dof_poss": 0.1}}, "observation_noise.dof_poss: unknown observation term"),
+        ({"randomization_scale": CONSTANT | {"hard": 2.0}}, "randomization_scale.hard: out of range"),
+        ({"penalty_scale": CONSTANT | {"start": 0.0, "easy": 0.0, "factor": 1e-3}}, "penalty_scale.start: not pos"),
         ({"simulation": {"substeps": 0}}, "at least 1"),
         ({"randomization": {"frictoin": [1, 1]}}, "unknown key"),
     ],
@@ -221,3 +226,26 @@ def test_nominal_ranges_change_nothing():
     assert replace(DomainRanges()) == DomainRanges()
     env = small_env()
     assert env.simulator.domain.friction.tolist() == [1.0] * env.num_envs
+
+
+@pytest.mark.parametrize("velocity", [float("nan"), float("inf"), 1e12])
+def test_physics_that_diverges_is_named_and_not_hidden_by_a_reset(velocity):
+    env = small_env()
+    env.simulator.push(torch.tensor([2]), torch.tensor([[velocity, 0.0]]))
+    with pytest.raises(NonFiniteError, match=r"physics .*: NaN or infinity in environment 2$"):
+        env.step(torch.zeros(env.num_envs, env.num_actions))
+
+
+def test_a_loaded_state_is_out_of_reach_of_later_resets():
+    env = small_env(start={"joint_noise_rad": 0.1})
+    state = env.state_dict()
+    before = [value.clone() for value in state["bodies"]]
+    env.load_state_dict(state)
+    env.reset()
+    assert all(torch.equal(a, b) for a, b in zip(state["bodies"], before, strict=True))
+
+
+def test_the_critic_sees_numbers_within_the_clip_too():
+    env = small_env()
+    result = env.step(torch.full((env.num_envs, env.num_actions), 1e3))
+    assert float(result.observations["critic"].max()) == 100.0

@@ -61,7 +61,7 @@ def test_both_export_the_same_actor(runs):
 
 @pytest.mark.parametrize("backend", ["mock", "mujoco"])
 def test_the_exported_actor_runs_on(runs, backend):
-    command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", backend, "--fast", "--duration", "0.5"]
+    command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", backend, "--fast"]
     process = subprocess.run(
         [*command, "--policy", str(runs[0] / "actor.onnx")], capture_output=True, text=True, cwd=ROOT
     )

@@ -97,6 +97,22 @@ def test_domains_differ_and_reach_the_models():
     assert model.body_subtreemass[1] == pytest.approx(model.body_mass.sum(), rel=1e-9)
 
 
+def test_inertia_may_differ_at_the_ankles_only():
+    ranges = DomainRanges(inertia_scale=(0.9, 0.95), inertia_of="ankles")
+    scale = simulator(ranges).domain.inertia_scale
+    ankles = ["ankle" in name for name in g1().randomized_mass_bodies]
+    assert sum(ankles) == 4
+    assert (scale[:, ankles] < 1.0).all() and (scale[:, [not ankle for ankle in ankles]] == 1.0).all()
+
+
+def test_a_delay_in_whole_control_steps_takes_each_with_equal_chance():
+    sim = simulator(DomainRanges(delay_s=(0.0, 0.04), delay_whole_steps=True), num_envs=600)
+    sim.reset(torch.arange(600), *standing(600))
+    delays, counts = sim.delay_s.unique(return_counts=True)
+    assert delays.tolist() == pytest.approx([0.0, 0.02, 0.04])
+    assert counts.min() > 150
+
+
 def test_scale_zero_is_the_nominal_robot():
     sim = simulator(DomainRanges(friction=(0.6, 1.1), kp_scale=(0.9, 1.1), mass_scale=(0.9, 1.1)), num_envs=2)
     sim.set_randomization(0.0)

@@ -81,11 +81,8 @@ class Deviation(nn.Module):
         self._joints = len(columns.action)
         self._tick_phase, self._dt_s = 1.0 / (len(reference) - 1), 0.02
         self._width = width
-        for name, value in {
-            "measured": columns.measured,
-            "action": columns.action,
-        }.items():
-            self.register_buffer(name, torch.tensor(value))
+        self.register_buffer("measured", torch.tensor(columns.measured))
+        self.register_buffer("action", torch.tensor(columns.action))
         for name, numbers in {
             "scale": columns.scale,
             "reference": reference,

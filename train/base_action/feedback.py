@@ -4,7 +4,7 @@ The robot is linearised with its stance feet welded to the ground. One control p
 Position and velocity of the root are not observed: they follow from the stance feet standing still.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
@@ -13,6 +13,7 @@ from motion.reference import Reference
 from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_to_matrix
 from train.base_action.feedforward import generalized_motion
+from train.structured import at_least, positive
 
 WELD_SOLREF = (0.01, 1.0)
 STATIONARY_STEPS = 300
@@ -23,12 +24,17 @@ GRAVITY_TRUST = 0.3  # share of the tilt taken from the IMU; the rest from joint
 class FeedbackCosts:
     """Weights of squared deviations: joints (rad), CoM over the stance feet (m), its velocity, tilt (rad), targets."""
 
-    joints: float = 4.0
+    joints: float = 3.0
     com: float = 100.0
     com_velocity: float = 10.0
     tilt: float = 20.0
-    target: float = 3.0
-    target_change: float = 12.0
+    target: float = 0.5
+    target_change: float = 3.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            at_least(f"base_action.costs.{f.name}", getattr(self, f.name), 0.0)
+        positive("base_action.costs.target", self.target)
 
 
 def add_stance_welds(spec: mujoco.MjSpec, robot: Robot) -> None:

@@ -1,6 +1,6 @@
 """The base action as a network layer: it is exported into the same graph as the actor's network."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import mujoco
@@ -24,11 +24,13 @@ class BaseActionSettings:
     """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
 
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
+    Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
 
     kind: Literal["lqr", "feedforward", "none"] = "lqr"
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
+    costs: FeedbackCosts = field(default_factory=FeedbackCosts)
 
     def __post_init__(self) -> None:
         positive("base_action.feedback_clip_rad", self.feedback_clip_rad)
@@ -46,18 +48,24 @@ class BaseAction(nn.Module):
     gains: torch.Tensor
 
     def __init__(
-        self, deviation: Deviation, phase_column: int, targets: np.ndarray, gains: np.ndarray, feedback_clip: float
+        self,
+        deviation: Deviation,
+        phase_column: int,
+        targets: np.ndarray,
+        gains: np.ndarray,
+        feedback_clip: float,
+        stretch: float,
     ) -> None:
         super().__init__()
         self.deviation = deviation
         self._joints, self._width = gains.shape[1:]
-        self._phase_column, self._clip = phase_column, feedback_clip
+        self._phase_column, self._clip, self._stretch = phase_column, feedback_clip, stretch
         self.register_buffer("targets", torch.tensor(targets).float())
         self.register_buffer("gains", torch.tensor(gains.reshape(len(gains), -1)).float())
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        phase = observation[:, self._phase_column].clamp(0.0, 1.0)
+        phase = (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
         gain = interpolate(self.gains, phase).reshape(-1, self._joints, self._width)
         # In double: far off the reference the products are large and cancel.
         deviation = self.deviation(observation, phase).double().unsqueeze(-1)
@@ -79,14 +87,16 @@ def build_base_action(
     joints = robot.num_joints
     gains = np.zeros((2, joints, 6 + 3 * joints))
     if s.kind == "lqr":
-        gains = feedback_gains(model, robot, reference, targets, FeedbackCosts(), s.knot_ticks)
+        gains = feedback_gains(model, robot, reference, targets, s.costs, s.knot_ticks)
         gains = _at_even_phases(gains, reference, s.knot_ticks)
     raw = (targets - robot.default_pos_rad) / action_scale
     layout = ObservedColumns.of(robot)
     deviation = Deviation(layout, reference_observation(robot, reference, np.vstack([raw[:1], raw[:-1]])))
     # Deviations are in physical units, of the previous action in raw ones; feedback is in raw actions.
     gains[..., -joints:] *= action_scale
-    return BaseAction(deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale)
+    # A clip may end between two ticks, the tables end with the last tick.
+    stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
+    return BaseAction(deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch)
 
 
 def linearization_model(robot: Robot) -> mujoco.MjModel:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from policy.observation import TERMS as OBSERVATION_TERMS
 from robot.errors import InputError
 from train.environment.rewards import DIRECT, TRACKING
 from train.simulation.domain import DomainRanges
@@ -40,6 +41,8 @@ class CurriculumSettings:
         for name in ("start", "easy", "hard", "factor"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
         within(f"{where}.start", self.start, *sorted((self.easy, self.hard)))
+        if self.hard > 0.0 and self.factor > 0.0:  # nothing grows from zero by a factor
+            positive(f"{where}.start", self.start)
 
 
 @dataclass(frozen=True)
@@ -129,11 +132,20 @@ class EnvironmentSettings:
                 )  # fmt: skip
         if not self.rewards:
             raise InputError("no reward term", where="environment.rewards")
+        if not self.rewards.keys() & TRACKING.keys():
+            raise InputError("no tracking term", where="environment.rewards", expected=sorted(TRACKING))
         at_least("environment.simulation.substeps", self.simulation.substeps, 1)
         for name, noise in self.observation_noise.items():
+            if name not in OBSERVATION_TERMS:
+                raise InputError(
+                    "unknown observation term", where=f"environment.observation_noise.{name}",
+                    expected=sorted(OBSERVATION_TERMS),
+                )  # fmt: skip
             at_least(f"environment.observation_noise.{name}", noise, 0.0)
         for name in ("error_limit_m", "penalty_scale", "randomization_scale"):
             getattr(self, name).check(f"environment.{name}")
+        for name in ("easy", "hard"):
+            within(f"environment.randomization_scale.{name}", getattr(self.randomization_scale, name), 0.0, 1.0)
         within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
         positive("environment.torque_soft_factor", self.torque_soft_factor)
         if self.penalty_step_max is not None:

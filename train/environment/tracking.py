@@ -19,11 +19,13 @@ from train.environment.starts import StartSampler
 from train.environment.tick import Bodies, ReferenceRows, ReferenceTable, RobotLimits, Tick
 from train.environment.tracking_log import TrackingLog, tracking_errors
 from train.interface import StepResult
+from train.nan_guard import require_finite
 from train.simulation.simulator import PhysicsState, Simulator
 
 CONTROL_PERIOD_S = 0.02
 ACTION_SCALE = 0.25
 ACTION_CLIP = 100.0
+OBSERVATION_CLIP = 100.0
 CONTACT_FORCE_N = 1.0
 RANDOMIZATION_STEP = 0.02
 
@@ -94,7 +96,7 @@ class TrackingEnv:
         return self._observe()
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """Advance by one control period with raw actions (B, J)."""
+        """Advance by one control period with raw actions (B, J). NonFiniteError if physics diverges."""
         self.pushes.apply(self.simulator, self.simulator.randomization)
         targets = self.limits.default_pos_rad + ACTION_SCALE * action.clamp(-ACTION_CLIP, ACTION_CLIP)
         self.simulator.step(targets)
@@ -114,6 +116,8 @@ class TrackingEnv:
 
     def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
         physics = self.simulator.state()
+        for name, values in vars(physics).items():
+            require_finite(f"physics {name}", values)
         bodies = self._forward(physics)
         reference = self._target
         torque = self.limits.kp * (targets - physics.joint_pos_rad) - self.limits.kd * physics.joint_vel_rad_s
@@ -228,7 +232,7 @@ class TrackingEnv:
                 domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
             ],
             dim=1,
-        )
+        ).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)
 
     def finish_iteration(self) -> None:
         """Apply what changes between iterations only, as it touches every model: the width of the randomisation."""
@@ -258,7 +262,7 @@ class TrackingEnv:
         for name in _BUFFERS:
             self._buffer(name).copy_(state["buffers"][name])
         self._physics = self.simulator.state()
-        self._bodies = Bodies(*state["bodies"])
+        self._bodies = Bodies(*(value.clone() for value in state["bodies"]))
         self._target = self._table.rows(self.clip, self.tick + 1)
         for name in _CURRICULA:
             getattr(self, name).value = state["curricula"][name]

@@ -1,6 +1,7 @@
 """Physical parameters that differ between environments (PBHC Table 7)."""
 
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import torch
 
@@ -13,7 +14,9 @@ class DomainRanges:
     """Ranges of the draws. Scales are factors on the nominal value.
 
     ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
-    control delay, drawn per episode; ``friction`` is the effective sliding friction of foot on ground.
+    control delay, drawn per episode, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
+    sliding friction of foot on ground; ``inertia_of`` names the links whose inertia differs: all that masses differ of,
+    or the ankles.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)
@@ -21,12 +24,14 @@ class DomainRanges:
     kd_scale: tuple[float, float] = (1.0, 1.0)
     mass_scale: tuple[float, float] = (1.0, 1.0)
     inertia_scale: tuple[float, float] = (1.0, 1.0)
+    inertia_of: Literal["all", "ankles"] = "all"
     com_xy_m: float = 0.0
     com_z_m: float = 0.0
     torque_noise: float = 0.0
     torque_noise_scale: tuple[float, float] = (0.5, 1.5)
     torque_offset: float = 0.0
     delay_s: tuple[float, float] = (0.0, 0.0)
+    delay_whole_steps: bool = False
 
     def __post_init__(self) -> None:
         where = "environment.randomization"
@@ -83,11 +88,14 @@ def draw_domain(num_envs: int, robot: Robot, ranges: DomainRanges, generator: to
     com = uniform((num_envs, 3), -1.0, 1.0, generator) * torch.tensor(
         [ranges.com_xy_m, ranges.com_xy_m, ranges.com_z_m]
     )
+    differs = [ranges.inertia_of == "all" or name in robot.ankle_bodies for name in robot.randomized_mass_bodies]
     return Domain(
         friction=uniform((num_envs,), *ranges.friction, generator),
         kp_scale=uniform((num_envs, joints), *ranges.kp_scale, generator),
         kd_scale=uniform((num_envs, joints), *ranges.kd_scale, generator),
         mass_scale=uniform((num_envs, bodies), *ranges.mass_scale, generator),
-        inertia_scale=uniform((num_envs, bodies), *ranges.inertia_scale, generator),
+        inertia_scale=torch.where(
+            torch.tensor(differs), uniform((num_envs, bodies), *ranges.inertia_scale, generator), 1.0
+        ),
         com_offset_m=com,
     )

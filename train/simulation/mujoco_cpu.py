@@ -70,6 +70,8 @@ class MujocoCpuSimulator:
             _add_contact_sensors(spec, self._sensed)
 
         model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
+        # A reset by MuJoCo itself would hide that physics has diverged.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         if not joint_friction:
             model.dof_frictionloss[:] = 0.0
         self._nominal_model = model
@@ -93,7 +95,6 @@ class MujocoCpuSimulator:
         default = torch.as_tensor(self._robot.default_pos_rad.copy(), dtype=torch.float32)
         self._targets = default.repeat(envs, reach + 1, 1)
         self._lag = torch.zeros(envs, steps, dtype=torch.long)
-        self._delay_draw = torch.zeros(envs)
         self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
         self._torque_noise = torch.zeros(envs, 1, 1)
@@ -108,10 +109,7 @@ class MujocoCpuSimulator:
     @property
     def delay_s(self) -> torch.Tensor:
         """(B,) control delay of the present episodes, seconds."""
-        return self._delay_substeps() * self._substep_s
-
-    def _delay_substeps(self) -> torch.Tensor:
-        return torch.round(self._delay_draw * self.randomization / self._substep_s)
+        return self._lag.sum(dim=1) * self._substep_s  # a lag of n control steps lasts n·substeps in all
 
     def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """See :class:`train.simulation.simulator.Simulator`."""
@@ -122,14 +120,22 @@ class MujocoCpuSimulator:
 
     def _draw_episode(self, env_ids: torch.Tensor) -> None:
         count, ranges, joints = len(env_ids), self._ranges, self._robot.num_joints
-        self._delay_draw[env_ids] = uniform((count,), *ranges.delay_s, self.generator)
-        steps = torch.arange(self._substeps)
-        late = self._delay_substeps()[env_ids, None] - steps  # sub-steps until the newest command arrives
+        delay = torch.round(self._draw_delay(count) * self.randomization / self._substep_s)
+        late = delay[:, None] - torch.arange(self._substeps)  # sub-steps until the newest command arrives
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
         offset = uniform((count, joints), -1.0, 1.0, self.generator) * ranges.torque_offset
         self._torque_offset[env_ids] = offset * self._torque_limit
         noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.generator) * ranges.torque_noise
         self._torque_noise[env_ids] = noise
+
+    def _draw_delay(self, count: int) -> torch.Tensor:
+        """Control delays (count,), seconds: anything in the range, or its whole control steps."""
+        low, high = self._ranges.delay_s
+        if not self._ranges.delay_whole_steps:
+            return uniform((count,), low, high, self.generator)
+        period_s = self._substeps * self._substep_s
+        first, last = round(low / period_s), round(high / period_s)
+        return torch.floor(uniform((count,), first, last + 1, self.generator)) * period_s
 
     def push(self, env_ids: torch.Tensor, velocity_w: torch.Tensor) -> None:
         """See :class:`train.simulation.simulator.Simulator`."""
@@ -159,7 +165,9 @@ class MujocoCpuSimulator:
             state=self._trajectory.numpy(),
             sensordata=self._sensors.numpy(),
         )
-        self._state.copy_(self._trajectory[:, -1])
+        last = self._trajectory[:, -1]
+        # What MuJoCo itself calls diverged is marked for whoever looks at the state.
+        self._state.copy_(torch.where(last.abs() <= mujoco.mjMAXVAL, last, torch.nan))
 
     def state(self) -> PhysicsState:
         """See :class:`train.simulation.simulator.Simulator`."""
@@ -187,7 +195,7 @@ class MujocoCpuSimulator:
         )
 
     _CHECKPOINTED = (
-        "_state", "_sensors", "_targets", "_lag", "_delay_draw", "_torque_offset", "_torque_noise", "_fresh",
+        "_state", "_sensors", "_targets", "_lag", "_torque_offset", "_torque_noise", "_fresh",
     )  # fmt: skip
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
@@ -207,9 +215,8 @@ def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, rob
     scratch = mujoco.MjData(nominal)
     values = {name: value.double().numpy() for name, value in vars(domain).items()}
     for env, model in enumerate(models):
-        mass = values["mass_scale"][env]
-        model.body_mass[bodies] = nominal.body_mass[bodies] * mass
-        model.body_inertia[bodies] = nominal.body_inertia[bodies] * (mass * values["inertia_scale"][env])[:, None]
+        model.body_mass[bodies] = nominal.body_mass[bodies] * values["mass_scale"][env]
+        model.body_inertia[bodies] = nominal.body_inertia[bodies] * values["inertia_scale"][env][:, None]
         model.body_ipos[torso] = nominal.body_ipos[torso] + values["com_offset_m"][env]
         model.geom_friction[foot_geoms, 0] = values["friction"][env]
         model.actuator_gainprm[:, 0] = nominal.actuator_gainprm[:, 0] * values["kp_scale"][env]
