@@ -24,12 +24,12 @@ GRAVITY_TRUST = 0.3  # share of the tilt taken from the IMU; the rest from joint
 class FeedbackCosts:
     """Weights of squared deviations: joints (rad), CoM over the stance feet (m), its velocity, tilt (rad), targets."""
 
-    joints: float = 3.0
+    joints: float = 4.0
     com: float = 100.0
     com_velocity: float = 10.0
     tilt: float = 20.0
-    target: float = 0.5
-    target_change: float = 3.0
+    target: float = 3.0
+    target_change: float = 12.0
 
     def __post_init__(self) -> None:
         for f in fields(self):
