@@ -23,11 +23,6 @@ def lowest_sole_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarr
     return sole_points_w(robot, body_pos_w, body_quat_wxyz)[..., 2].min(axis=(1, 2))
 
 
-def lift_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
-    """How far (N,) to raise each frame so that no sole point is below the ground; 0 where none is."""
-    return np.maximum(0.0, -lowest_sole_m(robot, body_pos_w, body_quat_wxyz))
-
-
 def contact_mask(foot_pos_w: np.ndarray, fps: float) -> np.ndarray:
     """Eq. 2: 1 where a foot's squared way over the next 1/30 s is below 0.002 m² and its ankle below 0.2 m, else 0.
 

@@ -113,7 +113,7 @@ def test_faults_can_be_written_in_the_mocks_file(tmp_path: Path) -> None:
         float("inf"),
         "left_knee_joint",
     )
-    path.write_text(text.replace("joint_lag_s: 0.02", "joint_lag_s: 0"), encoding="utf-8")
+    path.write_text(text.replace("joint_lag_s: 0.2", "joint_lag_s: 0"), encoding="utf-8")
     with pytest.raises(InputError, match=r"joint_lag_s, got 0\.0"):
         load_options(MockOptions, path)
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from motion.feet import contact_mask, lift_m, lowest_sole_m, sole_points_w
+from motion.feet import contact_mask, lowest_sole_m, sole_points_w
 from robot.kinematics import Kinematics
 from robot.mjcf import build_spec
 
@@ -34,8 +34,6 @@ def test_lowest_sole_follows_the_root(robot):
     top = lowest_sole_m(robot, high.pos_w, high.quat_wxyz)
     np.testing.assert_allclose(top - bottom, 1.0, atol=1e-12)
     assert bottom[0] < 0 < top[0]
-    np.testing.assert_allclose(lift_m(robot, low.pos_w, low.quat_wxyz), -bottom)
-    np.testing.assert_array_equal(lift_m(robot, high.pos_w, high.quat_wxyz), 0.0)
 
 
 def feet_at(speed_m_s: float, height_m: float, fps: float, seconds: float = 1.0) -> np.ndarray:

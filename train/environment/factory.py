@@ -1,10 +1,11 @@
 """Builds the environment from its configuration."""
 
+import numpy as np
 import torch
 
+from motion.feet import lowest_sole_m
 from motion.reference import Reference
 from robot.robot import Robot
-from robot.rotations import quat_rotate
 from train.environment.settings import EnvironmentSettings
 from train.environment.tick import ReferenceTable
 from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
@@ -18,15 +19,9 @@ def start_lift_m(robot: Robot, reference: Reference) -> torch.Tensor:
 
     Ticks without contact are only ever raised.
     """
-    lowest = torch.full((reference.num_ticks + 1,), float("inf"), dtype=torch.float64)
-    for foot in robot.feet:
-        body = int(robot.tracked_index([foot])[0])
-        quat = torch.tensor(reference.body_quat_wxyz[:, body])
-        origin = torch.tensor(reference.body_pos_w[:, body])
-        for corner in torch.as_tensor(robot.sole_points_m[foot].copy()):
-            lowest = torch.minimum(lowest, (origin + quat_rotate(quat, corner.expand(len(quat), 3)))[:, 2])
-    touching = torch.tensor(reference.contact).amax(dim=1) > 0.5
-    return torch.where(touching, -lowest, (-lowest).clamp(min=0.0))
+    lowest = lowest_sole_m(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    touching = reference.contact.max(axis=1) > 0.5
+    return torch.as_tensor(np.where(touching, -lowest, np.maximum(0.0, -lowest)))
 
 
 def build_environment(
