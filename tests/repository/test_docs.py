@@ -32,6 +32,9 @@ ACTORS = {path.parent.name for path in (ROOT / "policy" / "actors").glob("*/acto
 
 @cache
 def help_of(command: str) -> str:
+    assert not command.startswith("."), (
+        f"{command}: only commands of the rooms are shown; .ci/run would call these tests"
+    )
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     result = subprocess.run(
         [f"./{command}", "--help"], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
