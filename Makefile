@@ -6,10 +6,10 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 RUN := PATH="$(BIN):$$PATH"
 CODE := robot view motion policy hal deploy sim2sim train benchmarks
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint bench train
+.PHONY: help install demo test test-wires lint bench train
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(VENV)/.installed-all  ## .venv with everything needed on this machine (not the extras gpu and cluster)
 
@@ -21,6 +21,9 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 
 test: install lint  ## linters, types, import rules, tests
 	$(RUN) pytest
+
+test-wires:  ## the whole conformance suite on every wire, 15 minutes
+	$(RUN) pytest tests/hal/conformance --all-wires
 
 lint: install  ## ruff, mypy, import-linter
 	$(BIN)/ruff check .
@@ -49,5 +52,5 @@ $(VENV)/.installed-view: pyproject.toml | $(VENV)/bin/python
 # torch comes first and pinned: resolving it together with the rest may pick another build of it.
 $(VENV)/.installed-all: pyproject.toml | $(VENV)/bin/python
 	$(PIP) install torch==2.13.0
-	$(PIP) install -e '.[train,dds,motion,view,dev]'
+	$(PIP) install -e '.[train,dds,moteus,motion,view,dev]'
 	@touch $@ $(VENV)/.installed-view

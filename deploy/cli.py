@@ -8,7 +8,9 @@ from deploy.episode import Start
 from deploy.operator import KEY_TABLE, StopSignals
 from deploy.options import RunOptions
 from deploy.outputs import write_json
-from deploy.session import RunReport, run_session, summary
+from deploy.remote import BUTTON_TABLE
+from deploy.report import RunReport, summary
+from deploy.session import run_session
 from hal.open import BACKENDS
 from hal.types import DeviceError
 from robot.arguments import ArgumentParser, path_argument
@@ -56,6 +58,13 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         robot=given.robot,
         settings=given.config,
         interactive=given.interactive,
+        hal_config=given.hal_config,
+        emulate=given.emulate,
+        faults=tuple(given.fault),
+        interface=given.interface,
+        domain=given.domain,
+        gamepad=given.gamepad,
+        first_run_ok=given.first_run_ok,
         sim=given.sim,
         sim_model=given.sim_model,
         start=Start(given.start),
@@ -76,8 +85,8 @@ def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="deploy/run",
         description="Run an actor on a robot or its simulation: stand up, play the motion once, stand, damp.",
-        epilog=f"Keys with --interactive: {KEY_TABLE}. Exit codes: 0 done or stopped, 1 gave up, 2 bad input, "
-        "3 safety trip, 4 device.",
+        epilog=f"Keys with --interactive, and always on a real wire: {KEY_TABLE}. Remote and gamepad: "
+        f"{BUTTON_TABLE}. Exit codes: 0 done or stopped, 1 gave up, 2 bad input, 3 safety trip, 4 device.",
         allow_abbrev=False,
     )
     add = parser.add_argument
@@ -88,6 +97,7 @@ def _parser() -> ArgumentParser:
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
     add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")
     add("--interactive", action="store_true", help="wait for keys")
+    _add_wire_options(parser)
     add("--sim", default="default", metavar="default|reference|FILE")
     add("--sim-model", type=path_argument, metavar="FILE", help="simulate this MJCF instead of the robot's own")
     add("--start", default="stand", choices=[start.value for start in Start])
@@ -100,10 +110,21 @@ def _parser() -> ArgumentParser:
     add("--viewer", action="store_true", help="live window")
     add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
-    add("--dry-run", action="store_true", help="preflight only")
+    add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=_seed, default=0, metavar="S")
     return parser
+
+
+def _add_wire_options(parser: ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--hal-config", metavar="NAME|FILE", help="the robot on its wires, see configs/hal")
+    add("--emulate", action="store_true", help="start the wire's other end as well: a simulated robot, real frames")
+    add("--fault", action="append", default=[], metavar="FAULT", help="with --emulate, see hal/emulate --help")
+    add("--interface", metavar="IF", help="network interface of --backend dds")
+    add("--domain", type=_seed, metavar="N", help="DDS domain")
+    add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
+    add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run")
 
 
 def _positive(text: str) -> float:

@@ -60,13 +60,19 @@ class Loop:
         self._duration_s = duration_s
         self._start_s = self._read_s = self._inference_s = 0.0
         self._write_error: DeviceError | None = None
+        self._in_charge = False
 
     def run(self) -> None:
-        """Tick until the end, and leave the joints damped, also when something raises."""
+        """Tick until the end, and leave the joints damped, also when something raises.
+
+        A device that was never commanded is left as it was, also by a fault: damping would take a robot that stands
+        by itself limp. The operator may damp it all the same.
+        """
         try:
             self._run()
         finally:
-            self._backend.damp()
+            if self._in_charge:
+                self._backend.damp()
 
     def _run(self) -> None:
         clock, timer, period_s = self._clock, self.timer, self._backend.control_period_s
@@ -96,6 +102,7 @@ class Loop:
 
     def _requests(self, reading: RobotState | DeviceError) -> list[Request]:
         asked = [request for operator in self._operators for request in operator.poll()]
+        self._in_charge |= Request.DAMP in asked
         if Request.QUIT in asked:
             self.ended_by = "operator"
         elif self._duration_s is not None and self._read_s - self._start_s >= self._duration_s - CLOCK_GRAIN_S:
@@ -116,9 +123,11 @@ class Loop:
         try:
             if result.acknowledged:
                 self._backend.acknowledge()
+            damps = result.mode is Mode.DAMPING and (self._in_charge or result.fault is None)
+            self._in_charge |= damps or result.command is not None
             if result.command is not None:
                 self._backend.write(result.command)
-            elif result.mode is Mode.DAMPING:
+            elif damps:
                 self._backend.damp()
         except DeviceError as error:
             self._write_error = error

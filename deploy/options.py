@@ -5,12 +5,13 @@ from pathlib import Path
 
 from deploy.episode import Start
 from deploy.outputs import check_output_file, check_output_folder
+from hal.open import WIRES
 from robot.errors import InputError
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options of deploy/run. realtime: None chooses: yes with a person (keyboard or viewer), no otherwise."""
+    """The options of deploy/run. realtime: None chooses: yes with a person or a wire, no otherwise."""
 
     backend: str
     policies: tuple[str, ...]
@@ -19,6 +20,13 @@ class RunOptions:
     robot: str = "g1_23dof"
     settings: str = "default"
     interactive: bool = False
+    hal_config: str | None = None
+    emulate: bool = False
+    faults: tuple[str, ...] = ()
+    interface: str | None = None
+    domain: int | None = None
+    gamepad: Path | None = None
+    first_run_ok: bool = False
     sim: str = "default"
     sim_model: Path | None = None
     start: Start = Start.STAND
@@ -34,16 +42,37 @@ class RunOptions:
     seed: int = 0
 
     @property
+    def on_wire(self) -> bool:
+        """Whether the backend is a wire, emulated or not."""
+        return self.backend in WIRES
+
+    @property
+    def on_real_wire(self) -> bool:
+        """Whether a real robot may be at the other end."""
+        return self.on_wire and not self.emulate
+
+    @property
+    def attended(self) -> bool:
+        """Whether a person asks for every step. On a real wire always."""
+        return self.interactive or self.on_real_wire
+
+    @property
     def on_wall_clock(self) -> bool:
         """Whether the run keeps pace with the wall clock."""
-        return self.interactive or self.viewer if self.realtime is None else self.realtime
+        return self.on_wire or (self.interactive or self.viewer if self.realtime is None else self.realtime)
+
+    @property
+    def endpoints(self) -> dict[str, str]:
+        """Where a wire connects instead of what its configuration says."""
+        given = {"interface": self.interface, "domain": None if self.domain is None else str(self.domain)}
+        return {name: value for name, value in given.items() if value is not None}
 
     def check(self) -> None:
         """Raise InputError on combinations and output paths that cannot work, before anything is loaded."""
         check_output_file("--json", self.json)
         check_output_file("--video", self.video)
         check_output_folder("--log", self.log)
-        if len(self.policies) > 1 and not self.interactive:
+        if len(self.policies) > 1 and not self.attended:
             raise InputError("several --policy", hint="add --interactive: a person chooses between them")
         if self.interactive and self.realtime is False:
             raise InputError("--interactive and --fast", hint="a person needs --realtime")
@@ -51,5 +80,26 @@ class RunOptions:
             raise InputError("--sim, --sim-model and --viewer", got=f"--backend {self.backend}", expected="mujoco")
         if self.meshes and self.viewer and self.sim_model:
             raise InputError("--meshes with --viewer and --sim-model", hint="the window shows the model file as it is")
-        if self.start is Start.STAND and self.start_noise_rad and self.backend != "mujoco":
-            raise InputError("--start-noise", got=f"--backend {self.backend}", expected="mujoco, or --start reference")
+        simulated = self.backend == "mujoco" or self.emulate
+        if self.start is Start.STAND and self.start_noise_rad and not simulated:
+            expected = "mujoco, --emulate, or --start reference"
+            raise InputError("--start-noise", got=f"--backend {self.backend}", expected=expected)
+        self._check_wire()
+
+    def _check_wire(self) -> None:
+        wires, got = ", ".join(WIRES), f"--backend {self.backend}"
+        if (self.emulate or self.first_run_ok) and not self.on_wire:
+            raise InputError("--emulate and --first-run-ok", got=got, expected=f"one of {wires}")
+        if self.faults and not self.emulate:
+            raise InputError("--fault", hint="it strikes the emulator: add --emulate")
+        if self.endpoints and (self.backend != "dds" or self.emulate):
+            emulated = " with --emulate" if self.emulate else ""
+            raise InputError("--interface and --domain", got=got + emulated, expected="dds and a real robot")
+        if self.hal_config and self.backend == "mujoco":
+            raise InputError("--hal-config", got=got, expected=f"one of mock, {wires}")
+        if self.on_wire and self.realtime is False:
+            raise InputError("--fast", got=got, hint="a wire has its own pace")
+        if self.on_wire and self.start is Start.REFERENCE:
+            raise InputError("--start reference", got=got, expected="mock or mujoco", hint="a real robot stands up")
+        if self.gamepad is not None and not self.attended:
+            raise InputError("--gamepad", hint="add --interactive")

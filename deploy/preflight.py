@@ -50,7 +50,8 @@ def run_preflight(
     if at_rest:
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
     watchdog = "damps by itself" if info.has_watchdog else "none: only the loop can damp"
-    return [*checks, Check("device watchdog", True, watchdog)]
+    details = [Check(name, True, value) for name, value in info.details.items()]
+    return [*checks, Check("device watchdog", True, watchdog), *details]
 
 
 def table(checks: Sequence[Check]) -> str:
@@ -59,11 +60,11 @@ def table(checks: Sequence[Check]) -> str:
     return "\n".join(f"  {'ok' if check.passed else 'NO':2}  {check.what:{width}}  {check.found}" for check in checks)
 
 
-def require(checks: Sequence[Check]) -> None:
+def require(checks: Sequence[Check], what: str = "preflight") -> None:
     """Raise Refused, naming what failed."""
     failed = [f"{check.what}: {check.found}" for check in checks if not check.passed]
     if failed:
-        raise Refused(f"preflight refused: {'; '.join(failed)}")
+        raise Refused(f"{what} refused: {'; '.join(failed)}")
 
 
 def _read_states(backend: Backend, clock: Clock, wait_s: float, settle: int, keep: int) -> list[RobotState]:
@@ -117,9 +118,9 @@ def _check_finite(states: Sequence[RobotState]) -> Check:
 
 def _check_temperature(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:
     heat = states[-1].temperature_c
-    if heat is None:
+    if heat is None or np.isnan(heat).all():
         return Check("temperatures", True, "not measured")
-    joint = int(np.argmax(heat))
+    joint = int(np.nanargmax(heat))
     found = f"hottest {robot.joint_names[joint]} at {heat[joint]:.0f} C, limit {settings.temperature_c:.0f} C"
     return Check("temperatures", bool(heat[joint] <= settings.temperature_c), found)
 

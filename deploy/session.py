@@ -1,7 +1,6 @@
 """One run from options to result: load, preflight, loop, close, score."""
 
 import contextlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,14 +10,16 @@ import numpy as np
 from deploy.actor_run import ActorRun
 from deploy.actors import check_same_period, load_run
 from deploy.console import Console
+from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
 from deploy.episode import Start, place_at_reference
 from deploy.log import McapLog
 from deploy.loop import Loop, Observer, Plan
 from deploy.operator import Keyboard, RequestSource, StopSignals
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
-from deploy.realtime import no_garbage_collection, realtime
 from deploy.recorder import Recorder
+from deploy.remote import Gamepad, RemoteButtons
+from deploy.report import Ending, RunReport, make_report
 from deploy.safety.guard import Guard
 from deploy.sequence import BandRelease, OnlyTheClip, Unattended
 from deploy.settings import DeploySettings, load_settings
@@ -27,30 +28,18 @@ from deploy.tick import Tick
 from deploy.timing import PhaseTimer
 from hal.backend import Backend, Placeable
 from hal.clock import Clock, MonotonicClock, SimulatedClock
+from hal.emulator.launch import Emulator, launch_emulator
 from hal.mujoco import MujocoBackend
-from hal.open import open_backend
+from hal.open import open_backend, wire_config, wire_config_sha256
+from hal.realtime import no_garbage_collection, realtime
 from hal.sim_options import SimOptions, load_sim_options
 from hal.types import DeviceInfo
-from motion.metrics import METRIC_KEYS, over_episodes
-from robot.kinematics import Kinematics
+from hal.wire.backend import WireBackend
 from robot.mjcf import check_meshes, compile_model
 from robot.robot import Robot, load_robot
 
 if TYPE_CHECKING:
     from deploy.film import Film
-
-
-@dataclass(frozen=True)
-class RunReport:
-    """outcome: completed, tripped or stopped. fault: the rule that tripped, or why the run could not go on.
-
-    gave_up: whether the unattended sequence stopped because a step's conditions never came.
-    """
-
-    outcome: str
-    fault: str | None
-    gave_up: bool
-    content: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -82,21 +71,27 @@ class _Performer:
 def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
     """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
     options.check()
-    setup = _prepare(options)
-    recorder = Recorder()
-    film = None if options.video is None else _new_film(options.video, recorder, setup)
-    guard = Guard(
-        setup.robot,
-        setup.settings,
-        setup.period_s,
-        report_only=options.backend == "mujoco" and setup.sim.report_only,
-    )
-    machine = StateMachine(setup.robot, setup.stand, setup.actors, setup.settings, setup.period_s)
-    performer = _Performer(machine, guard, recorder, PhaseTimer())
-    with contextlib.closing(setup.backend):
+    with contextlib.ExitStack() as stack:
+        setup = _prepare(options, stack)
+        recorder = Recorder()
+        film = None if options.video is None else _new_film(options.video, recorder, setup)
+        guard = Guard(
+            setup.robot,
+            setup.settings,
+            setup.period_s,
+            report_only=options.backend == "mujoco" and setup.sim.report_only,
+        )
+        machine = StateMachine(setup.robot, setup.stand, setup.actors, setup.settings, setup.period_s)
+        performer = _Performer(machine, guard, recorder, PhaseTimer())
+        stack.enter_context(contextlib.closing(setup.backend))
         _preflight(options, setup, setup.backend.open())
-        ended_by, failure = ("plan", None) if options.dry_run else _perform(options, setup, performer, film, signals)
-    report = _report(options, setup, performer, ended_by, failure)
+        if options.dry_run:
+            ending = _rehearse(options, setup, performer, signals)
+        else:
+            ending = _perform(options, setup, performer, film, signals)
+    actor, performance = machine.tracked[machine.selected], recorder.performance
+    timer, limits = performer.timer, guard.counts
+    report = make_report(options, setup.robot, actor, performance, timer, limits, machine.fault, ending)
     if film is not None and not options.dry_run:
         model = compile_model(setup.robot, timestep_s=setup.period_s, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
@@ -104,27 +99,49 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
     return report
 
 
-def _prepare(options: RunOptions) -> _Setup:
-    """Load everything that a user may have got wrong."""
+def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
+    """Load everything that a user may have got wrong, and start the emulator where one is asked for."""
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
     if options.meshes is not None:
         check_meshes(robot, options.meshes)
     actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
     period_s = check_same_period([*actors, *([] if stand is None else [stand])])
+    if options.on_real_wire and not (options.dry_run or options.first_run_ok):
+        require_records([(actor.name, _record(options, actor)) for actor in actors], RECORDS)
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()
     backend = open_backend(
         options.backend,
         robot,
         clock,
         control_period_s=period_s,
+        config=options.hal_config,
         sim=sim,
         sim_model=options.sim_model,
         band=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,
         rng=np.random.default_rng(options.seed),
+        endpoints=options.endpoints,
+        emulator=stack.enter_context(_emulator(options)) if options.emulate else None,
     )
     return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend)
+
+
+def _emulator(options: RunOptions) -> Emulator:
+    """The robot at the other end of the wire."""
+    return launch_emulator(
+        options.backend,
+        wire_config(options.backend, options.hal_config),
+        robot=options.robot,
+        faults=options.faults,
+        start_noise_rad=options.start_noise_rad,
+        seed=options.seed,
+    )
+
+
+def _record(options: RunOptions, actor: ActorRun) -> DryRunRecord:
+    wire = wire_config_sha256(options.backend, options.hal_config, options.endpoints)
+    return DryRunRecord(actor.actor.sha256, wire)
 
 
 def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
@@ -142,14 +159,45 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
     require(checks)
 
 
+def _rehearse(options: RunOptions, setup: _Setup, performer: _Performer, signals: StopSignals) -> Ending:
+    """The dry run, and its record where it was the real wire."""
+    with contextlib.ExitStack() as stack:
+        if options.on_wall_clock:
+            stack.enter_context(realtime(lambda line: print(line, flush=True)))
+        stack.enter_context(no_garbage_collection())
+        seconds = setup.settings.preflight.dry_run_s
+        checks = dry_run(
+            setup.backend,
+            setup.clock,
+            setup.runs,
+            performer.guard,
+            performer.timer,
+            seconds,
+            lambda: signals.raised,
+        )
+    print(f"dry run, nothing was written to the joints\n{table(checks)}", flush=True)
+    if signals.raised:
+        return Ending("operator", wire=_wire_report(setup.backend))
+    require(checks, "dry run")
+    if options.on_real_wire:
+        for actor in setup.actors:
+            content = {"backend": options.backend, "checks": {check.what: check.found for check in checks}}
+            print(f"recorded {_record(options, actor).save(RECORDS, content)}", flush=True)
+    return Ending("plan", wire=_wire_report(setup.backend))
+
+
+def _wire_report(backend: Backend) -> dict[str, Any] | None:
+    return backend.report() if isinstance(backend, WireBackend) else None
+
+
 def _perform(
     options: RunOptions, setup: _Setup, performer: _Performer, film: "Film | None", signals: StopSignals
-) -> tuple[str, str | None]:
-    """Run the loop. Returns who ended it and why the plan gave up, if it did."""
+) -> Ending:
+    """Run the loop."""
     machine, recorder = performer.machine, performer.recorder
     release = BandRelease(setup.settings, setup.period_s)
     plan = _begin(options, setup, machine, release)
-    observers: list[Observer] = [recorder, Console(refusals=options.interactive)]
+    observers: list[Observer] = [recorder, Console(refusals=options.attended)]
     operators: list[RequestSource] = [signals]
     observers += [] if film is None else [film]
     with contextlib.ExitStack() as stack:
@@ -164,8 +212,12 @@ def _perform(
             window = stack.enter_context(ViewerObserver(setup.backend, recorder))
             observers.append(window)
             operators.append(window)
-        if options.interactive:
+        if options.attended:
             operators.append(stack.enter_context(Keyboard()))
+        if options.gamepad is not None:
+            operators.append(stack.enter_context(Gamepad(options.gamepad)))
+        if isinstance(setup.backend, WireBackend):
+            operators.append(RemoteButtons(setup.backend.remote))
         if options.on_wall_clock:
             stack.enter_context(realtime(lambda line: print(line, flush=True)))
         stack.enter_context(no_garbage_collection())
@@ -181,7 +233,7 @@ def _perform(
             timer=performer.timer,
         )
         loop.run()
-    return loop.ended_by, None if plan is None else plan.failure
+    return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 
 def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: BandRelease) -> Plan | None:
@@ -195,33 +247,7 @@ def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: B
     if options.start_noise_rad and isinstance(backend, MujocoBackend):
         noise = rng.normal(0.0, options.start_noise_rad, setup.robot.num_joints)
         backend.hang(setup.robot.default_pos_rad + noise, rng=rng)
-    return None if options.interactive else Unattended(machine, release, setup.settings, setup.period_s)
-
-
-def _report(options: RunOptions, setup: _Setup, performer: _Performer, ended_by: str, failure: str | None) -> RunReport:
-    machine, performance = performer.machine, performer.recorder.performance
-    actor = machine.tracked[machine.selected]
-    metrics: dict[str, float | None] = dict.fromkeys(METRIC_KEYS)
-    if performance is not None:
-        metrics = performance.metrics(Kinematics(setup.robot))
-    outcome, fault = "completed", None
-    if machine.fault is not None:
-        outcome, fault = "tripped", str(machine.fault)
-    elif ended_by == "operator" or failure is not None:
-        outcome, fault = "stopped", failure
-    content = {
-        "policy_sha256": actor.actor.sha256,
-        "motion": actor.name,
-        "backend": options.backend,
-        "sim": options.sim if options.backend == "mujoco" else None,
-        "outcome": outcome,
-        "fault": fault,
-        "fell": None if performance is None or not performance.known_root else performance.fallen_at is not None,
-        "metrics": over_episodes([metrics]),
-        "timing": performer.timer.report(),
-        "limits": dict(performer.guard.counts),
-    }
-    return RunReport(outcome, fault, failure is not None, content)
+    return None if options.attended else Unattended(machine, release, setup.settings, setup.period_s)
 
 
 def _new_film(path: Path, recorder: Recorder, setup: _Setup) -> "Film":
@@ -231,18 +257,3 @@ def _new_film(path: Path, recorder: Recorder, setup: _Setup) -> "Film":
     reference = setup.actors[0].reference
     height_m = 0.0 if reference is None else float(reference.root_pos_w[0, 2])
     return Film(path, recorder, height_m, setup.period_s)
-
-
-def summary(report: RunReport) -> Sequence[str]:
-    """The result in lines for a person."""
-    content = report.content
-    lines = [f"outcome {report.outcome}" + (f" ({report.fault})" if report.fault else "")]
-    known = {name: value["mean"] for name, value in content["metrics"].items() if value is not None}
-    lines += [f"  {name:22} {value:.4g}" for name, value in known.items()]
-    tick_ms, timing = content["timing"]["tick_ms"], content["timing"]
-    if timing["ticks"]:
-        text = f"p50 {tick_ms['p50']:.2f}, p99 {tick_ms['p99']:.2f}, max {tick_ms['max']:.2f}"
-        lines.append(f"  {timing['ticks']} ticks, ms each: {text}; overruns {timing['overruns']}")
-    acted = {rule: count for rule, count in content["limits"].items() if count}
-    lines.append("  safety rules, ticks: " + (", ".join(f"{rule} {count}" for rule, count in acted.items()) or "none"))
-    return lines

@@ -143,6 +143,7 @@ class PreflightSettings(_Checked):
     state_wait_s: float
     settle_s: float
     samples: int
+    dry_run_s: float
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,12 @@ class StateMachine:
             allowed = ", ".join(mode.name for mode in Mode if mode in ALLOWED[request])
             return f"{request.value} refused in {self.mode.name}, possible in {allowed}"
         match request:
-            case Request.DAMP | Request.QUIT:
+            case Request.DAMP:
                 self._damp(latched=True)
+            case Request.QUIT:
+                # Idle, nothing is in force that would have to end; the loop damps what it has driven before.
+                if self.mode is not Mode.IDLE:
+                    self._damp(latched=True)
             case Request.ACKNOWLEDGE:
                 self._acknowledge()
             case Request.STAND:

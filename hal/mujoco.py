@@ -13,6 +13,7 @@ from hal.clock import Clock
 from hal.conditions import Conditions, draw_conditions
 from hal.dead_man import DeadMan
 from hal.disturbance import CommandLine, Event, Pushes, TorqueNoise
+from hal.hanging import UPRIGHT_WXYZ, hang_in_band
 from hal.noise import add_noise
 from hal.plant import Measurement, Plant
 from hal.plant_model import build_plant_model
@@ -21,7 +22,6 @@ from hal.types import DeviceInfo, JointCommand, LinkLost, NoState, RobotState, d
 from robot.robot import Robot
 
 STEP_TOLERANCE = 1e-6
-UPRIGHT_WXYZ = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class MujocoBackend(ClosesByDamping):
@@ -100,15 +100,8 @@ class MujocoBackend(ClosesByDamping):
         """Begin an episode slack in the band, feet on the ground, in a joint pose (J,) (None: the default pose)."""
         if self._band is None:
             raise ValueError("mujoco: this backend was built without a band")
-        pose = self.robot.default_pos_rad
-        height_m = self._plant.standing_height_m(pose)
         self._draw(rng)
-        self._plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, pose)
-        self._band.hang_at_present_pose()
-        if joint_pos_rad is not None:
-            height_m = max(height_m, self._plant.standing_height_m(joint_pos_rad))
-            pose = joint_pos_rad
-        self._plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, pose)
+        hang_in_band(self._plant, self._band, self.robot.default_pos_rad if joint_pos_rad is None else joint_pos_rad)
         self._begin()
 
     def reset_to(

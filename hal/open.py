@@ -1,19 +1,35 @@
 """Backends by name."""
 
+import hashlib
+import importlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from hal.backend import Backend
 from hal.clock import Clock
+from hal.emulator.launch import Emulator
 from hal.mock import MockBackend, MockOptions
 from hal.mujoco import MujocoBackend
 from hal.options import config_file, load_options
 from hal.sim_options import SimOptions, load_sim_options
+from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
+from hal.wire.driver import DriverFactory
+from hal.wire.emulated import EmulatedWireBackend
 from robot.errors import InputError
 from robot.robot import Robot
 
-BACKENDS = ("mock", "mujoco")
+# name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
+# `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
+# it is unusable) and opens nothing; endpoints say where to connect instead: what `Emulator.endpoints` says, and for
+# dds `interface` and `domain`. A factory may have `link_timeout_s`.
+WIRES = {
+    "dds": ("hal.dds.driver", "dds"),
+    "can": ("hal.can.driver", "can_g1"),
+    "dynamixel": ("hal.dynamixel.driver", "dynamixel_g1"),
+}
+BACKENDS = ("mock", "mujoco", *WIRES)
 
 
 def open_backend(
@@ -28,18 +44,31 @@ def open_backend(
     band: bool = True,
     meshes: Path | None = None,
     rng: np.random.Generator | None = None,
+    endpoints: Mapping[str, str] | None = None,
+    emulator: Emulator | None = None,
 ) -> Backend:
     """Build the backend `name`; entering it connects.
 
-    config: file or name in configs/hal (mock). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
-    name in configs/sim, a file, or the options themselves. Raises InputError on an unknown name or an unusable option.
+    config: file or name in configs/hal (not mujoco). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
+    name in configs/sim, a file, or the options themselves. endpoints: where a wire connects, instead of what its
+    configuration says; emulator: the running other end of a wire, which adds its own endpoints. Raises InputError on
+    an unknown name or an unusable option.
     """
+    if name in WIRES:
+        factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **(endpoints or {})})
+        timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
+        times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
+        if emulator is not None:
+            return EmulatedWireBackend(name, robot, clock, factory, emulator, **times)
+        return WireBackend(name, robot, clock, factory, **times)
     if name == "mock":
         if sim_model is not None:
             raise InputError("a simulation model", where="backend mock", got=sim_model, expected="--backend mujoco")
         options = load_options(MockOptions, config_file("hal", config or "mock"))
         return MockBackend(robot, clock, options, control_period_s=control_period_s)
     if name == "mujoco":
+        if config is not None:
+            raise InputError("a hal configuration", where="backend mujoco", got=config, hint="it is configured by sim")
         sim_options = sim if isinstance(sim, SimOptions) else load_sim_options(sim)
         return MujocoBackend(
             robot,
@@ -52,3 +81,21 @@ def open_backend(
             rng=rng,
         )
     raise InputError("unknown backend", got=name, expected=f"one of {', '.join(BACKENDS)}")
+
+
+def wire_config(name: str, config: str | Path | None = None) -> Path:
+    """The configuration file of a wire; None: the one that it ships with. Raises InputError where there is none."""
+    return config_file("hal", config or WIRES[name][1])
+
+
+def wire_config_sha256(name: str, config: str | Path | None, endpoints: Mapping[str, str]) -> str:
+    """What identifies a wire's set-up: the content of its configuration and where it connects instead."""
+    content = hashlib.sha256(wire_config(name, config).read_bytes())
+    content.update(repr((name, sorted(endpoints.items()))).encode())
+    return content.hexdigest()
+
+
+def wire_factory(name: str, config: str | Path | None, endpoints: Mapping[str, str]) -> DriverFactory:
+    """What builds the driver in the wire process. Raises InputError on an unusable configuration."""
+    factory: DriverFactory = importlib.import_module(WIRES[name][0]).make_factory(wire_config(name, config), endpoints)
+    return factory

@@ -12,6 +12,7 @@ from robot.robot import Robot
 from robot.rotations import cross, quat_mul, quat_rotate_inverse
 
 CONTACT_FORCE_N = 1.0
+JAMMED_NM_S = 1e5
 Scale = np.ndarray | float
 
 
@@ -47,6 +48,7 @@ class Plant:
             name: getattr(model, name).copy()
             for name in ("geom_friction", "pair_friction", "body_mass", "body_inertia", "body_ipos")
         }
+        self._dof_damping = model.dof_damping[self._qvel].copy()
         self._imu_pos_b, self._imu_quat_b = _imu_mounting(robot)
         self._feedforward_nm = np.zeros(robot.num_joints)
         self._disturbance_nm = np.zeros(robot.num_joints)
@@ -91,6 +93,14 @@ class Plant:
         self._feedforward_nm = kp * command.q_rad + kd * command.dq_rad_s + command.tau_nm
         self._apply()
 
+    def cap(self, limit_nm: np.ndarray) -> None:
+        """Clip the motors' torques at (J,) from now on; at first it is the robot's limits."""
+        self.model.actuator_forcerange[self._motors] = np.stack([-limit_nm, limit_nm], axis=1)
+
+    def jam(self, stuck: np.ndarray) -> None:
+        """Let the joints (J,) bool be stuck from now on, and the others move."""
+        self.model.dof_damping[self._qvel] = np.where(stuck, JAMMED_NM_S, self._dof_damping)
+
     def disturb(self, torque_nm: np.ndarray) -> None:
         """Add a torque (J,) to every motor's, inside its limit, from now on."""
         self._disturbance_nm = torque_nm
@@ -121,6 +131,11 @@ class Plant:
             imu_ang_vel_b=quat_rotate_inverse(self._imu_quat_b, root_ang_vel),
             imu_acc_b=quat_rotate_inverse(self._imu_quat_b, quat_rotate_inverse(root_quat, free_fall_w) + lever),
         )
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, speeds and torques (J,) alone, as `measure` gives them."""
+        qpos, qvel = self.data.qpos[self._qpos], self.data.qvel[self._qvel]
+        return qpos, qvel, self.data.qfrc_actuator[self._qvel]
 
     def truth(self) -> TrueState:
         """The state itself."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from motion.reference import Reference
 from robot.robot import Robot
 from robot.rotations import quat_rotate
 
@@ -21,6 +22,16 @@ def sole_points_w(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarr
 def lowest_sole_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
     """Height (N,) in m of the lowest sole point in each of N frames."""
     return sole_points_w(robot, body_pos_w, body_quat_wxyz)[..., 2].min(axis=(1, 2))
+
+
+def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
+    """How far to move the root (T,) up or down so that the lowest sole corner touches the ground.
+
+    Ticks without contact are only ever raised. A mask of one half (PBHC's blends to the default pose) is contact.
+    """
+    lowest = lowest_sole_m(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    touching = reference.contact.max(axis=1) >= 0.5
+    return np.where(touching, -lowest, np.maximum(0.0, -lowest))
 
 
 def contact_mask(foot_pos_w: np.ndarray, fps: float) -> np.ndarray:

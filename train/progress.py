@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -12,10 +12,10 @@ from torch.utils.tensorboard import SummaryWriter
 
 from train.checkpoint import write_atomically
 from train.curves import draw_curves
+from train.folder import CURVES_FILE, METRICS_FILE
 
 TIME_PREFIX = "time/"
 DRAW_INTERVAL_S = 30.0
-METRICS_FILE = "metrics.jsonl"
 
 
 def finite_or_none(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -49,10 +49,18 @@ class Progress:
         run_dir: where the files go.
         start_iteration: iterations done already (resume): later rows of an earlier life are dropped.
         console: where lines for people go; None: standard output.
+        refresh: shows the rows elsewhere: at the first save, then whenever the curves are drawn.
     """
 
-    def __init__(self, run_dir: Path, start_iteration: int = 0, console: TextIO | None = None) -> None:
-        self._run_dir, self._console = run_dir, console or sys.stdout
+    def __init__(
+        self,
+        run_dir: Path,
+        start_iteration: int = 0,
+        console: TextIO | None = None,
+        refresh: Callable[[Sequence[Mapping[str, Any]]], None] | None = None,
+    ) -> None:
+        self._run_dir, self._console, self._refresh = run_dir, console or sys.stdout, refresh
+        self._is_refreshed = False
         path = run_dir / METRICS_FILE
         self.rows = read_rows(path, start_iteration)
         write_atomically(path, "".join(json.dumps(row) + "\n" for row in self.rows).encode())
@@ -78,8 +86,12 @@ class Progress:
     def draw(self, *, at_once: bool = False) -> None:
         """Flush TensorBoard and refresh curves.png, ``at_once`` or when the picture is older than half a minute."""
         self._board.flush()
-        if at_once or time.monotonic() - self._drawn_s >= DRAW_INTERVAL_S:
-            draw_curves(self.rows, self._run_dir / "curves.png")
+        due = at_once or time.monotonic() - self._drawn_s >= DRAW_INTERVAL_S
+        if self._refresh is not None and (due or not self._is_refreshed):
+            self._refresh(self.rows)
+            self._is_refreshed = True
+        if due:
+            draw_curves(self.rows, self._run_dir / CURVES_FILE)
             self._drawn_s = time.monotonic()
 
     def close(self) -> None:

@@ -72,7 +72,8 @@ class Runner:
         self._guard = NanGuard(env)
         self._observations = env.reset()
         self.iteration, self.samples, self.wall_s, self.best = 0, 0, 0.0, Best()
-        self._judged_iteration = 0
+        self.judged: dict[str, float] = {}
+        self._save_s = 0.0
         self._last_save_s = self._iteration_start_s = 0.0
 
     def run(self) -> str:
@@ -98,7 +99,7 @@ class Runner:
 
     def final_weights(self, *, judge: bool) -> dict[str, torch.Tensor]:
         """The weights to export: the best judged, else the last. ``judge``: judge the last ones too."""
-        if judge and self._judged_iteration != self.iteration:
+        if judge and self.judged.get("iteration") != self.iteration:
             self._evaluate()
         return self.best.weights if self.best.weights is not None else self._weights()
 
@@ -134,26 +135,34 @@ class Runner:
         return collected | learnt | times
 
     def _collect(self) -> dict[str, float]:
-        """Fill the storage; return the mean of each figure the environment logs."""
+        """Fill the storage; return the mean of each figure the environment logs, and the time of both sides."""
         logs: dict[str, list[float]] = defaultdict(list)
+        times = {"time/act_s": 0.0, "time/step_s": 0.0}
         for _ in range(self._learner.settings.horizon):
-            result = self._guard.step(self._learner.act(self._observations))
+            begun_s = time.monotonic()
+            actions = self._learner.act(self._observations)
+            acted_s = time.monotonic()
+            result = self._guard.step(actions)
+            times["time/act_s"] += acted_s - begun_s
+            times["time/step_s"] += time.monotonic() - acted_s
             self._learner.record(result)
             self._observations = result.observations
             for name, value in result.log.items():
                 logs[name].append(value)
             for name, value in zip(self._env.reward_names, result.rewards.mean(dim=0).tolist(), strict=True):
                 logs[f"reward/{name}"].append(value)
-        return {name: sum(values) / len(values) for name, values in logs.items()}
+        return {name: sum(values) / len(values) for name, values in logs.items()} | times
 
     def _report(self, row: dict[str, Any]) -> None:
         self.wall_s += time.monotonic() - self._iteration_start_s
         steps = self._env.num_envs * self._learner.settings.horizon
         row |= {
             "time/steps_per_s": steps / (row["time/collect_s"] + row["time/learn_s"]),
+            "time/save_s": self._save_s,
             "time/wall_s": self.wall_s,
             "time/left_s": self._left_s(),
         }
+        self._save_s = 0.0
         self._progress.report({"iteration": self.iteration, "samples": self.samples, **row})
 
     def _left_s(self) -> float:
@@ -168,11 +177,13 @@ class Runner:
         """Judge the present weights and keep them if they are the best."""
         if self._evaluator is None:
             return {}
+        begun_s = time.monotonic()
         figures = self._evaluator.evaluate(self.policy())
-        self._judged_iteration = self.iteration
+        self.judged = {"iteration": self.iteration, **figures}
         if figures["score"] < self.best.score:
             self.best = Best(figures["score"], self.iteration, dict(figures), self._weights())
-        return {f"evaluation/{name}": value for name, value in figures.items()}
+        row = {f"evaluation/{name}": value for name, value in figures.items()}
+        return row | {"time/evaluate_s": time.monotonic() - begun_s}
 
     def _weights(self) -> dict[str, torch.Tensor]:
         return {name: value.detach().clone() for name, value in self._learner.actor.state_dict().items()}
@@ -191,16 +202,19 @@ class Runner:
         return now - self._last_save_s + (now - self._iteration_start_s) >= CHECKPOINT_INTERVAL_S
 
     def save(self) -> None:
-        """Write a checkpoint and refresh the curves."""
+        """Write a checkpoint and refresh the pictures. Its time is in the next row: ``time/save_s``."""
+        begun_s = time.monotonic()
         self._checkpoints.save(self.iteration, self.state_dict())
         self._progress.draw()
         self._last_save_s = time.monotonic()
+        self._save_s += self._last_save_s - begun_s
 
     def _dumped(self, error: NonFiniteError) -> NonFiniteError:
         """Leave a dump of the failed iteration; return the error with the dump's place in it."""
         path = self._run_dir / f"nan_dump_{self.iteration + 1:08d}.pt"
         extra = {"config": self._document, "iteration": self.iteration + 1, "learner": self._learner.state_dict()}
         self._guard.dump(path, error, extra)
+        self._progress.draw(at_once=True)
         return NonFiniteError(f"iteration {self.iteration + 1}: {error.group}", error.env_ids, dump=path)
 
     def state_dict(self) -> dict[str, Any]:

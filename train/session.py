@@ -21,16 +21,16 @@ from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
 from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S
 from train.export import actor_spec, code_version, export_actor
+from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
 from train.interrupt import StopRequest
 from train.learner.build import build_learner
 from train.nan_guard import replay
-from train.progress import TIME_PREFIX, Progress, write_json
+from train.progress import TIME_PREFIX, Progress, finite_or_none, write_json
+from train.report.machine import machine_facts
+from train.report.writer import RunReport, story
 from train.runner import Budget, Runner
 
-CLIP_FILE = "motion.npz"
-CONFIG_FILE = "config.yaml"
-ACTOR_FILE = "actor.onnx"
 EVALUATION_SEED = 12345
 
 
@@ -79,13 +79,22 @@ def train(setup: Setup) -> None:
     """Train, export and sum up. NonFiniteError if a number stops being finite."""
     config = setup.config
     torch.set_num_threads(config.threads)
-    stop = StopRequest()
+    stop, started_s = StopRequest(), time.monotonic()
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     env = _environment(setup)
-    base = build_base_action(config.base_action, setup.robot, reference, ACTION_SCALE)
-    learner = build_learner(config, env, base)
     _begin_folder(setup)
-    progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"])
+    report = RunReport(setup.run_dir, setup.document, machine_facts(config))
+    progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
+    base = build_base_action(
+        config.base_action,
+        setup.robot,
+        reference,
+        ACTION_SCALE,
+        threads=config.threads,
+        stored=setup.run_dir / FEASIBLE_FILE,
+        progress=progress.say,
+    )
+    learner = build_learner(config, env, base)
     budget = Budget(config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every)
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads
@@ -93,12 +102,14 @@ def train(setup: Setup) -> None:
     runner = Runner(
         env, learner, budget, setup.run_dir, setup.document, progress, evaluator, should_stop=lambda: stop.asked
     )
+    runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
         _restore(runner, setup)
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
         outcome = runner.run()
         _export(setup, runner, progress, outcome)
+        progress.say(f"report {report.finish()}")
     finally:
         progress.close()
 
@@ -171,7 +182,7 @@ def _restore(runner: Runner, setup: Setup) -> None:
 
 
 def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> None:
-    """Write actor.onnx and summary.json."""
+    """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
     facts: dict[str, Any] = {
         "motion": setup.motion_name,
@@ -190,8 +201,14 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> N
     path = setup.run_dir / ACTOR_FILE
     digest = export_actor(actor, spec, setup.clip, path)
     last: Mapping[str, Any] = progress.rows[-1] if progress.rows else {}
-    write_json(
-        setup.run_dir / "summary.json",
-        {"outcome": outcome, **facts, "actor": ACTOR_FILE, "actor_sha256": digest, "last_iteration": dict(last)},
-    )
+    document = {
+        "outcome": outcome,
+        **facts,
+        "actor": ACTOR_FILE,
+        "actor_sha256": digest,
+        "last_evaluation": finite_or_none(runner.judged),
+        "last_iteration": dict(last),
+        "machine": machine_facts(setup.config),
+    }
+    write_json(setup.run_dir / SUMMARY_FILE, document | story(progress.rows, document))
     progress.say(f"{outcome} after {runner.iteration} iterations, {runner.samples} samples: {path}")

@@ -134,7 +134,7 @@ class InferenceOverrun:
 
 
 class Temperature:
-    """A motor is too hot. Says nothing where the device has no sensor."""
+    """A motor is too hot. Says nothing of joints whose temperature is not known (None or nan)."""
 
     name = "temperature"
     moving = False
@@ -147,9 +147,9 @@ class Temperature:
     def violation(self, sample: Sample) -> str | None:
         """See TripRule."""
         heat = sample.state.temperature_c
-        if heat is None or not heat.max() > self._max_c:
+        if heat is None or not (heat > self._max_c).any():
             return None
-        joint = int(np.argmax(heat))
+        joint = int(np.nanargmax(heat))
         return f"{self._names[joint]} at {heat[joint]:.0f} C, limit {self._max_c:.0f} C"
 
 

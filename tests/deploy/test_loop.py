@@ -156,8 +156,8 @@ def test_acknowledging_reaches_the_device(tmp_path):
     asked = Asked({0: [Request.DAMP], 3: [Request.ACKNOWLEDGE], 6: [Request.QUIT]})
     rig = Rig(tmp_path, plan="none", operators=[asked])
     rig.loop.run()
-    assert rig.backend.calls == ["damp"] * 3 + ["acknowledge"] + ["damp"] * 2
-    assert rig.modes == [Mode.DAMPING, Mode.IDLE, Mode.DAMPING]
+    assert rig.backend.calls == ["damp"] * 3 + ["acknowledge"] + ["damp"]
+    assert rig.modes == [Mode.DAMPING, Mode.IDLE]
 
 
 def test_the_plan_gives_up_saying_why(tmp_path):
@@ -197,3 +197,29 @@ def test_the_band_waits_for_steadiness(tmp_path):
         assert not release.due(Mode.READY, swaying)
     answers = [release.due(Mode.READY, state()) for _ in range(30)]
     assert answers.index(True) == 10 and answers.count(True) == 1
+
+
+def test_a_robot_that_was_never_commanded_is_left_as_it_was(tmp_path):
+    """A robot that stands by its own controller must not go limp because somebody looked and left."""
+
+    class Leaves:
+        def poll(self):
+            return (Request.QUIT,)
+
+    rig = Rig(tmp_path, plan="none", operators=[Leaves()])
+    rig.loop.run()
+    assert rig.loop.ended_by == "operator"
+    assert "damp" not in rig.backend.calls and "write" not in rig.backend.calls
+
+
+def test_a_fault_before_the_first_command_drives_nothing(tmp_path):
+    rig = Rig(tmp_path, [state()] * 3 + [DeviceFault("hot")], plan="none", operators=[Asked({8: [Request.QUIT]})])
+    rig.loop.run()
+    assert rig.machine.fault.rule == "device_fault"
+    assert "damp" not in rig.backend.calls and "write" not in rig.backend.calls
+
+
+def test_an_operator_may_damp_a_robot_that_was_never_commanded(tmp_path):
+    rig = Rig(tmp_path, [DeviceFault("hot")], plan="none", operators=[Asked({2: [Request.DAMP], 4: [Request.QUIT]})])
+    rig.loop.run()
+    assert rig.backend.calls == ["damp"] * 4  # at ticks 2, 3, 4 and when the loop ends

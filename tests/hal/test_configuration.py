@@ -8,9 +8,10 @@ import pytest
 from hal.clock import SimulatedClock
 from hal.mock import MockBackend, MockOptions
 from hal.mujoco import MujocoBackend
-from hal.open import BACKENDS, open_backend
+from hal.open import BACKENDS, WIRES, open_backend
 from hal.options import CONFIGS, config_file, from_mapping, load_options
 from hal.sim_options import load_sim_options
+from hal.wire.backend import WireBackend
 from robot.errors import InputError
 from tests.hal.rigs import G1
 
@@ -88,10 +89,12 @@ def test_unknown_names_list_what_there_is(tmp_path: Path) -> None:
 
 
 def test_backends_by_name() -> None:
-    made = {name: open_backend(name, G1, SimulatedClock()) for name in BACKENDS}
+    network = {"dds": {"interface": "lo", "domain": "1"}}
+    made = {name: open_backend(name, G1, SimulatedClock(), endpoints=network.get(name)) for name in BACKENDS}
     assert isinstance(made["mock"], MockBackend)
     assert isinstance(made["mujoco"], MujocoBackend)
     assert made["mujoco"].options == load_sim_options()
+    assert all(isinstance(made[name], WireBackend) for name in WIRES)
 
 
 def test_mock_takes_no_simulation_model(tmp_path: Path) -> None:

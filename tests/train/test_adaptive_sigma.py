@@ -37,3 +37,22 @@ def test_state_survives_a_checkpoint():
     sigma.update(torch.tensor([[0.1]]))
     other.update(torch.tensor([[0.1]]))
     assert torch.equal(sigma.sigma, other.sigma) and torch.equal(sigma.mean_error, other.mean_error)
+
+
+def test_a_restart_takes_the_present_mean_error_and_shrinks_again():
+    sigma = AdaptiveSigma({"joint_position": 1.0}, alpha=0.5)
+    for _ in range(2):
+        sigma.update(torch.tensor([[0.0]]))  # means 0.5, 0.25
+    sigma.update(torch.tensor([[0.75]]))  # mean 0.5, sigma stays at 0.25
+    assert sigma.sigma.tolist() == [0.25]
+    sigma.restart()
+    assert sigma.sigma.tolist() == [0.5]
+    sigma.update(torch.tensor([[0.0]]))
+    assert sigma.sigma.tolist() == [0.25]
+
+
+def test_a_fixed_sigma_ignores_a_restart():
+    sigma = AdaptiveSigma({"joint_position": 1.0}, adaptive=False)
+    sigma.mean_error.fill_(0.5)
+    sigma.restart()
+    assert sigma.sigma.tolist() == [1.0]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from motion.feet import ground_lift_m
 from policy.history import ObservationHistory
 from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
 from robot.errors import InputError
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
 from train.environment.curriculum import Curriculum, EpisodeAverage, SurvivalChance
-from train.environment.factory import start_lift_m
 from train.environment.settings import CurriculumSettings, StartSettings
 from train.environment.starts import BIN_TICKS, StartSampler
 from train.environment.tick import ReferenceTable
@@ -85,7 +85,7 @@ def test_starts_lie_on_the_reference_with_its_velocities():
 def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     robot = g1()
     reference = swaying_reference(robot)
-    lift = start_lift_m(robot, reference).numpy()
+    lift = ground_lift_m(robot, reference)
     sole = min(corner[2] for corner in robot.sole_points_m["left_ankle_roll_link"])
     foot = reference.body_pos_w[:, robot.tracked_index(["left_ankle_roll_link"])[0], 2]
     assert foot + sole + lift == pytest.approx(np.zeros(len(foot)), abs=1e-9)
@@ -152,7 +152,7 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
 def test_several_clips_share_one_table():
     robot = g1()
     short, long = swaying_reference(robot, 0.4), swaying_reference(robot, 1.0)
-    table = ReferenceTable([short, long], [start_lift_m(robot, short), start_lift_m(robot, long)])
+    table = ReferenceTable([short, long], [torch.as_tensor(ground_lift_m(robot, clip)) for clip in (short, long)])
     rows = table.rows(torch.tensor([0, 1, 0]), torch.tensor([3, 50, 99]))
     expected = [short.joint_pos_rad[3], long.joint_pos_rad[50], short.joint_pos_rad[20]]
     assert rows.joint_pos_rad.numpy() == pytest.approx(np.array(expected), abs=1e-6)

@@ -19,7 +19,10 @@ OVERRIDES = ["motion=taichi", "iterations=8", "num_envs=16", "checkpoint_every=2
 
 def start(*arguments: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
+    environment = os.environ | {"KATA_RENDERER": "none"}  # a report without a video, which takes long
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment
+    )
 
 
 def rows(run_dir: Path) -> list[dict]:

@@ -87,6 +87,18 @@ def test_position_errors_are_means_of_squares_over_points_and_components():
     assert value(rewards.feet, foot_off) == pytest.approx(0.09 / 6)
 
 
+def test_relative_positions_do_not_see_where_the_pelvis_is():
+    """Points are pelvis, two feet, head: all moved together is no error; the pelvis alone moves the other three."""
+    all_off = on_reference()
+    for point in range(4):
+        all_off = moved(all_off, point, (0.3, 0.0, 0.4))
+    assert value(rewards.body_position_relative, all_off) == pytest.approx(0.0, abs=1e-12)
+    assert value(rewards.body_position_relative, moved(on_reference(), 0, (0.3, 0.0, 0.4))) == pytest.approx(
+        3 * 0.25 / 12
+    )
+    assert value(rewards.body_position_relative, moved(on_reference(), 3, (0.0, 0.6, 0.0))) == pytest.approx(0.36 / 12)
+
+
 def test_joint_errors():
     t = with_joints(on_reference(), joint_pos_rad=[0.3, -0.6, 0.0], joint_vel_rad_s=[1.0, 2.0, 2.0])
     assert value(rewards.joint_position, t) == pytest.approx((0.09 + 0.36) / 3)

@@ -23,6 +23,12 @@ RUN = Path(__file__).parents[2] / "train" / "run.py"
 SHORT = ("motion=stand", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
 
 
+@pytest.fixture(autouse=True)
+def no_video(monkeypatch):
+    """Without a renderer there is a report without a video, which takes long."""
+    monkeypatch.setenv("KATA_RENDERER", "none")
+
+
 def failed(capsys, *arguments, code=2):
     """Run in this process; return the single error line."""
     assert main(list(arguments)) == code
@@ -102,7 +108,7 @@ def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
     assert plain[0]["samples"] == plain[1]["samples"] == 64
     assert actors[0].spec.motion.name == "stand"
     names = {"actor.onnx", "checkpoints", "config.yaml", "curves.png", "metrics.jsonl", "motion.npz", "summary.json"}
-    assert {entry.name for entry in whole.iterdir()} == names | {"tensorboard"}
+    assert {entry.name for entry in whole.iterdir()} == names | {"report.html", "tensorboard"}
     assert main([*SHORT, f"run_dir={whole}"]) == 2
     assert f"resume={whole} goes on with it" in capsys.readouterr().err
 

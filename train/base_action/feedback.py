@@ -79,7 +79,7 @@ def feedback_gains(
     value: np.ndarray | None = None
     for row in range(len(ticks) - 1, -1, -1):
         tick = ticks[row]
-        stance = reference.contact[tick] > 0.5
+        stance = reference.contact[tick] >= 0.5
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[tick], qvel[tick], targets[tick]
         _set_welds(model, data, robot, stance)
         transition, drive = _linearize(model, data, substeps)

@@ -23,6 +23,13 @@ def generalized_motion(reference: Reference) -> tuple[np.ndarray, np.ndarray, np
     return qpos, qvel, np.gradient(smooth, reference.dt_s, axis=0)
 
 
+def feedforward_targets(model: mujoco.MjModel, robot: Robot, reference: Reference) -> np.ndarray:
+    """Joint targets (T, J), rad, that give :func:`feedforward_torques` on the reference, which is one tick ahead."""
+    ahead = np.vstack([reference.joint_pos_rad[1:], reference.joint_pos_rad[-1:]])
+    torques = feedforward_torques(model, robot, reference)
+    return ahead + (torques + robot.kd * reference.joint_vel_rad_s) / robot.kp
+
+
 def feedforward_torques(model: mujoco.MjModel, robot: Robot, reference: Reference) -> np.ndarray:
     """Joint torques (T, J), Nm, that give the reference's accelerations, within the torque limits.
 
@@ -40,7 +47,7 @@ def feedforward_torques(model: mujoco.MjModel, robot: Robot, reference: Referenc
     for tick, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(zip(*generalized_motion(reference))):
         mujoco.mj_inverse(model, data)
         wanted = data.qfrc_inverse.copy()
-        push = _ground_force_map(model, data, robot, reference.contact[tick] > 0.5)
+        push = _ground_force_map(model, data, robot, reference.contact[tick] >= 0.5)
         if push.shape[1]:
             ridge = FORCE_REGULARIZATION * np.eye(push.shape[1])
             force, _ = nnls(np.vstack([push[:6], ridge]), np.concatenate([wanted[:6], np.zeros(push.shape[1])]))

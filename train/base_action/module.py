@@ -1,6 +1,8 @@
 """The base action as a network layer: it is exported into the same graph as the actor's network."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import mujoco
@@ -8,12 +10,16 @@ import numpy as np
 import torch
 from torch import nn
 
+from motion.feet import ground_lift_m
 from motion.reference import Reference
 from robot.mjcf import compile_model
 from robot.robot import Robot
 from train.base_action.estimator import Deviation, ObservedColumns, interpolate, reference_observation
+from train.base_action.feasible import Nominal, feasible_motion
+from train.base_action.features import NominalFeatures
 from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
-from train.base_action.feedforward import feedforward_torques
+from train.base_action.feedforward import feedforward_targets
+from train.phase_basis import num_knots
 from train.structured import at_least, positive
 
 SUBSTEP_S = 0.005
@@ -23,11 +29,15 @@ SUBSTEP_S = 0.005
 class BaseActionSettings:
     """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
 
+    ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
+    ``features``: whether the actor's network sees :class:`train.base_action.features.NominalFeatures` too.
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
     Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
 
     kind: Literal["lqr", "feedforward", "none"] = "lqr"
+    aim: Literal["feasible", "reference"] = "reference"
+    features: bool = False
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
     costs: FeedbackCosts = field(default_factory=FeedbackCosts)
@@ -55,9 +65,10 @@ class BaseAction(nn.Module):
         gains: np.ndarray,
         feedback_clip: float,
         stretch: float,
+        features: NominalFeatures | None = None,
     ) -> None:
         super().__init__()
-        self.deviation = deviation
+        self.deviation, self.features = deviation, features
         self._joints, self._width = gains.shape[1:]
         self._phase_column, self._clip, self._stretch = phase_column, feedback_clip, stretch
         self.register_buffer("targets", torch.tensor(targets).float())
@@ -74,29 +85,56 @@ class BaseAction(nn.Module):
 
 
 def build_base_action(
-    settings: BaseActionSettings, robot: Robot, reference: Reference, action_scale: float
+    settings: BaseActionSettings,
+    robot: Robot,
+    reference: Reference,
+    action_scale: float,
+    *,
+    threads: int = 1,
+    stored: Path | None = None,
+    progress: Callable[[str], None] = lambda line: None,
 ) -> BaseAction | None:
-    """Compute the base action of a reference; ``None`` where the settings say so. Takes some seconds."""
+    """Compute the base action of a reference; ``None`` where the settings say so.
+
+    Takes some seconds; with a feasible aim one or two minutes, unless it is ``stored`` there from an earlier call.
+    """
     s = settings
     if s.kind == "none":
         return None
     model = linearization_model(robot)
-    torques = feedforward_torques(model, robot, reference)
-    ahead = np.vstack([reference.joint_pos_rad[1:], reference.joint_pos_rad[-1:]])
-    targets = ahead + (torques + robot.kd * reference.joint_vel_rad_s) / robot.kp
+    nominal = Nominal(reference, feedforward_targets(model, robot, reference))
+    if s.aim == "feasible":
+        nominal = _feasible(robot, nominal, threads, stored, progress)
     joints = robot.num_joints
     gains = np.zeros((2, joints, 6 + 3 * joints))
     if s.kind == "lqr":
-        gains = feedback_gains(model, robot, reference, targets, s.costs, s.knot_ticks)
+        gains = feedback_gains(model, robot, nominal.reference, nominal.targets_rad, s.costs, s.knot_ticks)
         gains = _at_even_phases(gains, reference, s.knot_ticks)
-    raw = (targets - robot.default_pos_rad) / action_scale
+    raw = (nominal.targets_rad - robot.default_pos_rad) / action_scale
     layout = ObservedColumns.of(robot)
-    deviation = Deviation(layout, reference_observation(robot, reference, np.vstack([raw[:1], raw[:-1]])))
+    last_raw = np.vstack([raw[:1], raw[:-1]])
+    deviation = Deviation(layout, reference_observation(robot, nominal.reference, last_raw))
     # Deviations are in physical units, of the previous action in raw ones; feedback is in raw actions.
     gains[..., -joints:] *= action_scale
     # A clip may end between two ticks, the tables end with the last tick.
     stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
-    return BaseAction(deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch)
+    features = None
+    if s.features:
+        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s))
+    return BaseAction(
+        deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
+    )
+
+
+def _feasible(
+    robot: Robot, wanted: Nominal, threads: int, stored: Path | None, progress: Callable[[str], None]
+) -> Nominal:
+    if stored is not None and stored.is_file():
+        return Nominal.load(stored, wanted.reference)
+    found = feasible_motion(robot, wanted, ground_lift_m(robot, wanted.reference), threads=threads, progress=progress)
+    if stored is not None:
+        found.save(stored)
+    return found
 
 
 def linearization_model(robot: Robot) -> mujoco.MjModel:

@@ -31,6 +31,11 @@ class AdaptiveSigma:
         self.mean_error += self._alpha * (errors.mean(dim=0).double() - self.mean_error)
         self.sigma = torch.minimum(self.sigma, self.mean_error)
 
+    def restart(self) -> None:
+        """Begin again at the present mean errors: harder conditions allow larger ones than were reached before."""
+        if self._adaptive:
+            self.sigma = self.mean_error.clone()
+
     def state_dict(self) -> dict[str, torch.Tensor]:
         """σ and the running means."""
         return {"sigma": self.sigma.clone(), "mean_error": self.mean_error.clone()}

@@ -45,6 +45,12 @@ def body_position_upper(t: Tick) -> torch.Tensor:
     return _position_error(t, t.limits.upper)
 
 
+def body_position_relative(t: Tick) -> torch.Tensor:
+    """Mean square error of all points' positions relative to the pelvis, world axes, m² (what Empbpe measures)."""
+    actual = t.bodies.pos_w - t.bodies.pos_w[:, :1]
+    return _mean_square(actual - (t.reference.body_pos_w - t.reference.body_pos_w[:, :1]))
+
+
 def hands_head(t: Tick) -> torch.Tensor:
     """Mean square world position error of the hands and the head, m²."""
     return _position_error(t, t.limits.hands_head)
@@ -176,6 +182,7 @@ TRACKING: dict[str, Term] = _named(
     joint_velocity,
     body_position_lower,
     body_position_upper,
+    body_position_relative,
     body_rotation,
     body_velocity,
     body_angular_velocity,

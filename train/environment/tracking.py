@@ -20,6 +20,7 @@ from train.environment.tick import Bodies, ReferenceRows, ReferenceTable, RobotL
 from train.environment.tracking_log import TrackingLog, tracking_errors
 from train.interface import StepResult
 from train.nan_guard import require_finite
+from train.phase_basis import num_knots, phase_hats
 from train.simulation.simulator import PhysicsState, Simulator
 
 CONTROL_PERIOD_S = 0.02
@@ -57,6 +58,7 @@ class TrackingEnv:
         self._generators = [generator, simulator.generator]
         self._kinematics = Kinematics(robot)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
+        self._knots = num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S)
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
         self._allocate(robot)
         self._physics = simulator.state()
@@ -230,6 +232,7 @@ class TrackingEnv:
                 self.observations.critic_history[rows].flatten(1),
                 reference_view(physics, bodies, self._target.body_pos_w[rows]),
                 domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
+                phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self._knots),
             ],
             dim=1,
         ).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)
@@ -240,6 +243,7 @@ class TrackingEnv:
         step = abs(wanted - self.simulator.randomization)
         if step >= RANDOMIZATION_STEP or (step > 0.0 and wanted == hard):
             self.simulator.set_randomization(wanted)
+            self.sigma.restart()
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs, as tensors and plain numbers."""

@@ -1,8 +1,8 @@
 """Networks, storage and learner from the configuration."""
 
 import torch
-from torch import nn
 
+from train.base_action.module import BaseAction
 from train.config import TrainConfig
 from train.interface import TrackingEnv
 from train.learner.networks import Actor, Critic, Mlp, Normalizer
@@ -17,7 +17,7 @@ def _generator(seed: int, stream: str) -> torch.Generator:
     return torch.Generator().manual_seed(1000 * seed + _STREAMS[stream])
 
 
-def build_learner(config: TrainConfig, env: TrackingEnv, base: nn.Module | None) -> Ppo:
+def build_learner(config: TrainConfig, env: TrackingEnv, base: BaseAction | None) -> Ppo:
     """A learner that fits ``env``. Same configuration, same initial weights."""
     settings = config.learner
     heads = len(env.reward_names) if config.value == "vector" else 1
@@ -32,12 +32,16 @@ def build_learner(config: TrainConfig, env: TrackingEnv, base: nn.Module | None)
         return Normalizer(size) if settings.normalize_inputs else None
 
     low, high = settings.noise_std_range
-    actor_mlp = mlp(env.actor_obs_dim, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
+    features = None if base is None else base.features
+    actor_inputs = env.actor_obs_dim + (0 if features is None else features.size)
+    actor_mlp = mlp(actor_inputs, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
     critic_mlp = mlp(env.critic_obs_dim, settings.critic_hidden, heads, "critic", 1.0)
-    sizes = Sizes(settings.horizon, env.num_envs, env.actor_obs_dim, env.critic_obs_dim, env.num_actions, heads)
+    sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, env.critic_obs_dim, env.num_actions, heads)
     input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
     return Ppo(
-        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(env.actor_obs_dim)),
+        Actor(
+            actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(env.actor_obs_dim), features
+        ),
         Critic(critic_mlp, normalizer(env.critic_obs_dim)),
         Storage(sizes, input_dtype, torch.device("cpu")),
         settings,

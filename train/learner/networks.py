@@ -105,7 +105,8 @@ class Actor(nn.Module):
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
         base: optional module obs (..., Da) → action (..., J) without trained parameters.
-        normalizer: optional normaliser of the network's input (not of the base's).
+        normalizer: optional normaliser of the observation that the network sees (not of the base's).
+        features: optional module obs (B, Da) → (B, F) of further inputs of the network, without trained parameters.
     """
 
     def __init__(
@@ -115,16 +116,18 @@ class Actor(nn.Module):
         noise_std: tuple[float, float, float],
         base: nn.Module | None = None,
         normalizer: Normalizer | None = None,
+        features: nn.Module | None = None,
     ) -> None:
         super().__init__()
-        self.mlp, self.base, self.normalizer = mlp, base, normalizer
+        self.mlp, self.base, self.normalizer, self.features = mlp, base, normalizer, features
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
         self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start)))
 
     def inputs(self, obs: Tensor) -> Tensor:
         """What the network sees of obs (..., Da)."""
-        return obs if self.normalizer is None else self.normalizer(obs)
+        seen = obs if self.normalizer is None else self.normalizer(obs)
+        return seen if self.features is None else torch.cat([seen, self.features(obs)], dim=-1)
 
     def base_action(self, obs: Tensor) -> Tensor | None:
         """The base's action (..., J), or None without a base."""

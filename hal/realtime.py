@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 PRIORITY = 50
+WIRE_PRIORITY = 60
 MCL_CURRENT_AND_FUTURE = 3
 
 
@@ -19,7 +20,7 @@ def realtime(say: Callable[[str], None]) -> Iterator[None]:
     """SCHED_FIFO, locked memory and one core while the block runs; `say` gets one line for each, granted or why not."""
     policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
     cores = os.sched_getaffinity(0)
-    for ask in (_schedule, _lock_memory, _pin):
+    for ask in (schedule, lock_memory, pin):
         say(f"realtime: {ask()}")
     try:
         yield
@@ -42,16 +43,17 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _schedule() -> str:
+def schedule(priority: int = PRIORITY) -> str:
+    """SCHED_FIFO for the calling thread; says what was granted."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
         return f"no SCHED_FIFO ({error.strerror})"
-    return f"SCHED_FIFO, priority {PRIORITY}"
+    return f"SCHED_FIFO, priority {priority}"
 
 
-def _lock_memory() -> str:
-    """Only where the limit cannot make a later allocation fail."""
+def lock_memory() -> str:
+    """Lock the process's memory, only where the limit cannot make a later allocation fail; says what was granted."""
     if os.geteuid() != 0 and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
         return "memory not locked (the memlock limit is not unlimited)"
     libc = ctypes.CDLL(None, use_errno=True)
@@ -60,7 +62,8 @@ def _lock_memory() -> str:
     return "memory locked"
 
 
-def _pin() -> str:
+def pin() -> str:
+    """Keep the calling thread on the last of its cores; says what was granted."""
     cores = os.sched_getaffinity(0)
     if len(cores) < 2:
         return "one core only, nothing to pin"

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from deploy.realtime import no_garbage_collection, realtime
+from hal.realtime import no_garbage_collection, realtime
 
 
 def test_scheduling_and_cores_are_as_before_also_after_an_error():

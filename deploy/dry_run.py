@@ -1,0 +1,142 @@
+"""A run that reads and infers and never writes, and the record that it passed."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deploy.actor_run import ActorRun
+from deploy.outputs import write_json
+from deploy.preflight import Check
+from deploy.safety.guard import Guard
+from deploy.safety.rules import Fault, Wish, make_sample
+from deploy.timing import PhaseTimer
+from hal.backend import Backend
+from hal.clock import Clock
+from hal.types import DeviceError, RobotState
+from robot.errors import InputError
+
+RECORDS = Path(__file__).resolve().parents[1] / "runs" / "dry_runs"
+OVERRUN_SHARE = 0.05
+
+
+def dry_run(
+    backend: Backend,
+    clock: Clock,
+    runs: Sequence[ActorRun],
+    guard: Guard,
+    timer: PhaseTimer,
+    seconds: float,
+    stopped: Callable[[], bool],
+) -> list[Check]:
+    """Tick for some seconds, with every actor computing its command from the states, and judge what was seen.
+
+    The guard checks states and actions as in a run; its commands go nowhere. Ends early where stopped() says so.
+    """
+    watch = _Watch({run.name: [] for run in runs})
+    for run in runs:
+        run.start()
+    start_s, period_s = clock.now_s(), backend.control_period_s
+    ticks = max(1, round(seconds / period_s))
+    for tick in range(ticks):
+        if stopped():
+            break
+        clock.sleep_until(start_s + tick * period_s)
+        timer.begin()
+        watch.tick(backend, runs, guard, timer)
+        timer.overruns += clock.now_s() > start_s + (tick + 1) * period_s
+    return watch.checks(timer, period_s)
+
+
+class _Watch:
+    """What a dry run has seen so far. infer_s: times of each actor by name."""
+
+    def __init__(self, infer_s: dict[str, list[float]]) -> None:
+        self._infer_s = infer_s
+        self._fault: Fault | None = None
+
+    def tick(self, backend: Backend, runs: Sequence[ActorRun], guard: Guard, timer: PhaseTimer) -> None:
+        """Read, judge, infer."""
+        try:
+            state = backend.read()
+        except DeviceError as error:
+            self._note(guard.check_reading(error))
+            return
+        timer.lap("read")
+        sample = make_sample(state)
+        self._note(guard.check(sample, moving=False))
+        for run in runs:
+            begun_s = time.perf_counter()
+            output = run.act(state, timer.lap)
+            self._infer_s[run.name].append(time.perf_counter() - begun_s)
+            self._command(Wish(output.target_rad, output.kp, output.kd), state, guard)
+        timer.lap("guard")
+        timer.end(sample.age_s)
+
+    def checks(self, timer: PhaseTimer, period_s: float) -> list[Check]:
+        """The verdict, row by row."""
+        ages = timer.report()["state_age_ms"]
+        oldest_ms = ages["max"] if isinstance(ages, dict) and ages["max"] is not None else math.inf
+        found = f"{timer.ticks} read, the oldest {oldest_ms:.1f} ms old"
+        states = Check("dry run: states", timer.ticks > 0 and oldest_ms < 2e3 * period_s, found)
+        rules = Check("dry run: safety rules", self._fault is None, str(self._fault or "none trips"))
+        overruns = Check(
+            "dry run: overruns", timer.overruns <= OVERRUN_SHARE * timer.ticks, f"{timer.overruns} of {timer.ticks}"
+        )
+        return [states, rules, overruns, *(self._actor(name, period_s) for name in self._infer_s)]
+
+    def _actor(self, name: str, period_s: float) -> Check:
+        spent_s = self._infer_s[name]
+        p99_ms = 1e3 * float(np.percentile(spent_s, 99.0)) if spent_s else math.inf
+        return Check(f"dry run: actor {name}", p99_ms < 1e3 * period_s, f"p99 {p99_ms:.2f} ms")
+
+    def _command(self, wish: Wish, state: RobotState, guard: Guard) -> None:
+        fault = guard.check_action(wish)
+        self._note(fault)
+        if fault is None:
+            guard.command(wish, state)
+
+    def _note(self, fault: Fault | None) -> None:
+        self._fault = self._fault or fault
+
+
+@dataclass(frozen=True)
+class DryRunRecord:
+    """What a passed dry run is valid for."""
+
+    policy_sha256: str
+    hal_config_sha256: str
+
+    def path(self, folder: Path) -> Path:
+        """Where it is kept."""
+        return folder / f"{self.policy_sha256[:16]}-{self.hal_config_sha256[:16]}.json"
+
+    def save(self, folder: Path, content: dict[str, Any]) -> Path:
+        """Note that it passed."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(self.path(folder), {**vars(self), **content})
+        return self.path(folder)
+
+    def is_saved(self, folder: Path) -> bool:
+        """Whether it has passed before."""
+        try:
+            content = json.loads(self.path(folder).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return isinstance(content, dict) and all(content.get(name) == value for name, value in vars(self).items())
+
+
+def require_records(records: Sequence[tuple[str, DryRunRecord]], folder: Path) -> None:
+    """(name of the policy, its record) each. Raises InputError naming the policies that have not passed."""
+    missing = [name for name, record in records if not record.is_saved(folder)]
+    if missing:
+        raise InputError(
+            "no passed dry run",
+            where=f"policy {', '.join(missing)} with this HAL configuration",
+            hint="run the same command with --dry-run first, or add --first-run-ok",
+        )

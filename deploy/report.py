@@ -1,0 +1,100 @@
+"""The result of a run, for programs and for people."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from deploy.actor_run import ActorRun
+from deploy.options import RunOptions
+from deploy.recorder import Performance
+from deploy.safety.rules import Fault
+from deploy.timing import PhaseTimer
+from motion.metrics import METRIC_KEYS, over_episodes
+from robot.kinematics import Kinematics
+from robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """outcome: completed, tripped or stopped. fault: the rule that tripped, or why the run could not go on.
+
+    gave_up: whether the unattended sequence stopped because a step's conditions never came.
+    """
+
+    outcome: str
+    fault: str | None
+    gave_up: bool
+    content: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended. by: operator, plan or duration. failure: why the plan gave up, if it did.
+
+    wire: what `WireBackend.report` said before it closed, None where there is no wire.
+    """
+
+    by: str
+    failure: str | None = None
+    wire: Mapping[str, Any] | None = None
+
+
+def make_report(
+    options: RunOptions,
+    robot: Robot,
+    actor: ActorRun,
+    performance: Performance | None,
+    timer: PhaseTimer,
+    limits: Mapping[str, int],
+    fault: Fault | None,
+    ending: Ending,
+) -> RunReport:
+    """What the JSON result says. actor: the one that was selected last."""
+    metrics: dict[str, float | None] = dict.fromkeys(METRIC_KEYS)
+    if performance is not None:
+        metrics = performance.metrics(Kinematics(robot))
+    outcome, reason = "completed", None
+    if fault is not None:
+        outcome, reason = "tripped", str(fault)
+    elif ending.by == "operator" or ending.failure is not None:
+        outcome, reason = "stopped", ending.failure
+    content = {
+        "policy_sha256": actor.actor.sha256,
+        "motion": actor.name,
+        "backend": options.backend,
+        "emulated": options.emulate if options.on_wire else None,
+        "sim": options.sim if options.backend == "mujoco" else None,
+        "outcome": outcome,
+        "fault": reason,
+        "fell": None if performance is None or not performance.known_root else performance.fallen_at is not None,
+        "metrics": over_episodes([metrics]),
+        "timing": timer.report(),
+        "limits": dict(limits),
+        "wire": None if ending.wire is None else _finite(ending.wire),
+    }
+    return RunReport(outcome, reason, ending.failure is not None, content)
+
+
+def summary(report: RunReport) -> Sequence[str]:
+    """The result in lines for a person."""
+    content = report.content
+    lines = [f"outcome {report.outcome}" + (f" ({report.fault})" if report.fault else "")]
+    known = {name: value["mean"] for name, value in content["metrics"].items() if value is not None}
+    lines += [f"  {name:22} {value:.4g}" for name, value in known.items()]
+    tick_ms, timing = content["timing"]["tick_ms"], content["timing"]
+    if timing["ticks"]:
+        text = f"p50 {tick_ms['p50']:.2f}, p99 {tick_ms['p99']:.2f}, max {tick_ms['max']:.2f}"
+        lines.append(f"  {timing['ticks']} ticks, ms each: {text}; overruns {timing['overruns']}")
+    acted = {rule: count for rule, count in content["limits"].items() if count}
+    lines.append("  safety rules, ticks: " + (", ".join(f"{rule} {count}" for rule, count in acted.items()) or "none"))
+    return lines
+
+
+def _finite(value: Any) -> Any:
+    """Plain data in which what JSON has no number for is null."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,1 @@
+"""CAN servos: codecs, buses, the driver and its robot file."""

@@ -1,0 +1,299 @@
+"""The servos of one bus: what is sent to them and what they say, round by round."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hal.can.codec import Feedback, Message, MotorCommand
+from hal.can.demux import Demultiplexer
+from hal.can.frame import Frame
+from hal.can.link import Link
+from hal.can.motor import Motor
+from hal.can.robot_file import RobotFile
+from hal.can.targets import Targets
+from hal.joint_map import JointMap
+from hal.types import DeviceError
+from hal.wire.boards import StateBoard
+from hal.wire.driver import Cycle
+from hal.wire.outbox import Outbox, Outgoing
+from robot.robot import Robot
+
+COLLECT_SHARE = 0.5
+REOPEN_S = 0.5
+SILENT_S = 0.5
+YIELD_S = 0.002
+PATIENCE_S, BRIEF_S = 0.1, 0.003
+
+
+class CanBus:
+    """N motors on one bus, in the order of the file. Rounds run in one thread, conversations in another.
+
+    A round sends to all, then collects until all have answered or half the period is over. Answers are told apart by
+    their arbitration id; one that comes later counts in the next round, with its true age. A motor that is silent costs
+    nothing but its own news.
+    """
+
+    def __init__(self, file: RobotFile, name: str, robot: Robot) -> None:
+        members = file.motors_of(name)
+        entries = [file.motors[i] for i in members]
+        self.entry = next(bus for bus in file.buses if bus.name == name)
+        self.name, self.period_s = name, 1.0 / file.rate_hz
+        self.link = Link(name, self.entry.arguments)
+        self.map: JointMap = file.joint_map.take(members)
+        self.index = np.array([robot.joint_names.index(entry.joint) for entry in entries], dtype=int)
+        lower, upper = file.bands_rad(robot)
+        self.bands = lower[members], upper[members]
+        self.fold = np.array([entry.fold for entry in entries], dtype=bool)
+        damping = self.map.raw_gain(robot.damping_kd[self.index]).tolist()
+        self.motors = [
+            Motor(entry.joint, row, file.codecs[i], kd)
+            for row, (i, entry, kd) in enumerate(zip(members, entries, damping))
+        ]
+        limits_nm = [
+            min(entry.limits.torque_nm or np.inf, robot.torque_limit_nm[k]) for entry, k in zip(entries, self.index)
+        ]
+        self._targets = Targets(self.index, np.array(limits_nm))
+        self._demultiplexer = Demultiplexer(self.motors)
+        self.lock = threading.Lock()
+        self._state: StateBoard | None = None
+        self._broken: str | None = None
+        self._retry_s = 0.0
+
+    # Conversations: before the rounds have begun, between them, and after they have ended.
+
+    def ask(
+        self,
+        motor: Motor,
+        frames: Sequence[Frame],
+        accept: Callable[[Message], bool],
+        *,
+        tries: int = 3,
+        patience_s: float = 0.0,
+    ) -> Message | None:
+        """Send frames until the motor says something acceptable. None where it does not. Raises DeviceError.
+
+        Rounds may run meanwhile: they hold the wire in turn, and what they hear counts as an answer as well.
+        """
+        motor.inbox.clear()
+        for _ in range(tries):
+            self._say(motor, frames, max(PATIENCE_S, patience_s))
+            until_s = time.monotonic() + PATIENCE_S
+            while True:
+                while motor.inbox:
+                    message = motor.inbox.popleft()
+                    if accept(message):
+                        return message
+                if self._state is None or time.monotonic() > until_s:
+                    break
+                time.sleep(YIELD_S)
+        return None
+
+    def _say(self, motor: Motor, frames: Sequence[Frame], patience_s: float) -> None:
+        """Send, and take what comes until the motor has answered; briefly where rounds run, which go on with it."""
+        with self.lock:
+            sent_s = time.monotonic()
+            motor.unanswered.restart(sent_s)
+            for frame in frames:
+                self.link.send(frame)
+            until_s = sent_s + (patience_s if self._state is None else BRIEF_S)
+            while (frame_in := self.link.receive(until_s)) is not None:
+                if self._take(frame_in, sent_s) is motor:
+                    until_s = min(until_s, time.monotonic() + BRIEF_S)
+
+    def listen(self, duration_s: float) -> list[Frame]:
+        """What is on the wire though we have not asked."""
+        until_s, heard = time.monotonic() + duration_s, []
+        with self.lock:
+            while (frame := self.link.receive(until_s)) is not None:
+                heard.append(frame)
+                self._take(frame, time.monotonic() - duration_s)
+        return heard
+
+    def is_in_band(self, motor: Motor) -> bool:
+        """Whether the motor's last position lies in its joint's band, with the turns settled at start."""
+        lower, upper = self.bands
+        position = self.joint_pos_rad(motor)
+        return bool(lower[motor.row] <= position <= upper[motor.row])
+
+    def joint_pos_rad(self, motor: Motor) -> float:
+        """Where its joint is."""
+        return float(self.map.take([motor.row]).pos_rad(np.array([motor.pos_rad]))[0])
+
+    def settle_turns(self, motor: Motor) -> None:
+        """Choose the whole turns that put the motor's position into its joint's band. Raises DeviceFault."""
+        row = [motor.row]
+        lower, upper = self.bands
+        settled = self.map.take(row).folded(np.array([motor.pos_rad]), lower[row], upper[row], self.fold[row])
+        turns = self.map.turns.copy()
+        turns[row] = settled.turns
+        self.map = self.map.with_turns(turns)
+
+    def latch(self, motor: Motor, reason: str) -> None:
+        """Show a motor's fault and send it nothing but damping, until `forget`."""
+        motor.damped_only = True
+        name = f"motor_fault:{motor.joint}: {reason}"
+        if name not in motor.latched:
+            motor.latched.add(name)
+            self._show(name, True)
+
+    def forget(self, motor: Motor) -> None:
+        """The operator has seen the motor's faults."""
+        for name in motor.latched:
+            self._show(name, False)
+        motor.latched.clear()
+        motor.damped_only = False
+
+    def mend(self) -> None:
+        """The operator has seen that the bus was gone. Raises DeviceError where it still is."""
+        with self.lock:
+            if not self.link.is_open:
+                self.link.open()
+            if self._broken is not None:
+                self._show(self._broken, False)
+            self._broken = None
+
+    def end_rounds(self) -> None:
+        """The rounds are over: conversations need not hurry."""
+        self._state = None
+
+    def close(self) -> None:
+        """Let go of the adapter."""
+        with self.lock:
+            self.link.close()
+
+    # Rounds
+
+    def cycle(self, outbox: Outbox, state: StateBoard) -> Cycle:
+        """The rounds of this bus."""
+        self._state = state
+        for motor in self.motors:
+            motor.news = motor.complete
+            for name in motor.latched:
+                state.fault(name, True)
+
+        def run(_: float) -> None:
+            with self.lock:
+                self._round(outbox, state)
+
+        return Cycle(f"can {self.name}", self.period_s, run)
+
+    def _round(self, outbox: Outbox, state: StateBoard) -> None:
+        begun_s = time.monotonic()
+        try:
+            self._reopen(begun_s)
+            self._collect(0.0, begun_s - self.period_s)
+            asked = [motor.unanswered.begin_round(motor.heard) for motor in self.motors]
+            for motor, is_asked in zip(self.motors, asked):
+                motor.missed += is_asked and not motor.heard
+                motor.heard = False
+            self._send(outbox.at(time.monotonic()), asked)
+            self._collect(begun_s + COLLECT_SHARE * self.period_s, time.monotonic())
+            self._publish(state)
+        except DeviceError as error:
+            if self._broken is None and not self.link.is_open:
+                self._broken = str(error)
+                self._show(self._broken, True)
+            raise
+
+    def _send(self, outgoing: Outgoing, asked: Sequence[bool]) -> None:
+        """Frames for every motor. One whose command cannot be made is damped, and the others are not kept waiting."""
+        targets = self._targets.of(outgoing, self.map) if self._broken is None else []
+        wrong: list[str] = []
+        for motor, is_asked in zip(self.motors, asked):
+            if not is_asked:
+                continue
+            target = targets[motor.row] if targets else None
+            try:
+                frames = self._frames(motor, target)
+            except ValueError as error:
+                wrong.append(str(error))
+                frames = motor.codec.damping(motor.damping_kd)
+            if frames and motor.codec.cyclic_period_s is None:
+                motor.unanswered.ask(time.monotonic())
+            for frame in frames:
+                self.link.send(frame)
+        if wrong:
+            raise DeviceError("; ".join(wrong))
+
+    def _frames(self, motor: Motor, target: MotorCommand | None) -> tuple[Frame, ...]:
+        if not motor.enabled:
+            return () if motor.codec.cyclic_period_s is not None else motor.codec.request_state()
+        if target is None or motor.damped_only:
+            motor.last = None
+            return motor.codec.damping(motor.damping_kd)
+        before = None if motor.last is target else motor.last
+        frames = motor.codec.command(target, before)
+        motor.last = target
+        return frames
+
+    def _collect(self, until_s: float, since_s: float) -> None:
+        """Take what arrives until then, or until every motor has answered all it was asked."""
+        while (frame := self.link.receive(until_s)) is not None:
+            self._take(frame, since_s)
+            if until_s and all(motor.heard and not motor.unanswered for motor in self.motors):
+                until_s = 0.0
+
+    def _take(self, frame: Frame, since_s: float) -> Motor | None:
+        """Keep what a frame says; the motor that sent it. since_s: when the wire was last looked at."""
+        sorted_out = self._demultiplexer.sort(frame)
+        if sorted_out is None:
+            return None
+        motor, message = sorted_out
+        if isinstance(message, Feedback):
+            self._note_return(motor)
+            motor.take(message, since_s)
+        motor.inbox.append(message)
+        return motor
+
+    def _note_return(self, motor: Motor) -> None:
+        """A motor that was silent for so long may have been without power, and not every protocol tells."""
+        silent_s = time.monotonic() - motor.stamp_s
+        if motor.enabled and SILENT_S < silent_s < math.inf:
+            self.latch(motor, "was silent for too long, it may have been without power")
+
+    def _publish(self, state: StateBoard) -> None:
+        fresh = [motor for motor in self.motors if motor.news and motor.complete]
+        for motor in self.motors:
+            self._judge(motor)
+            motor.news = False
+        state.stats(f"{self.name} frames", self.link.received)
+        state.stats(f"{self.name} frames not understood", self._demultiplexer.not_understood)
+        state.stats(f"{self.name} answers missed", sum(motor.missed for motor in self.motors))
+        if not fresh:
+            return
+        rows = np.array([motor.row for motor in fresh])
+        values = np.array([(m.pos_rad, m.vel_rad_s, m.torque_nm, m.temperature_c, m.stamp_s) for m in fresh]).T
+        mapped = self.map if len(fresh) == len(self.motors) else self.map.take(rows)
+        pos_rad = mapped.pos_rad(values[0])
+        state.joints(
+            self.index[rows], pos_rad, mapped.vel_rad_s(values[1]), mapped.torque_nm(values[2]), values[3], values[4]
+        )
+        lower, upper = self.bands[0][rows], self.bands[1][rows]
+        for i in np.flatnonzero(mapped.slipped(pos_rad, lower, upper, self.fold[rows])).tolist():
+            self.latch(fresh[i], "reads whole turns away from its range: it lost its zero")
+
+    def _judge(self, motor: Motor) -> None:
+        """Faults that the motor tells of. What its watchdog left behind before it was switched on is none."""
+        if not motor.news:
+            return
+        for reason in motor.faults:
+            if motor.enabled or reason != motor.codec.watchdog_fault:
+                self.latch(motor, reason)
+        if motor.enabled and not motor.switching and motor.drive_on is False and not motor.faults:
+            self.latch(motor, "it has switched itself off")
+
+    def _reopen(self, now_s: float) -> None:
+        """An adapter that is gone is looked for every 0.5 s. It is back only when the operator says so."""
+        if self.link.is_open:
+            return
+        if now_s < self._retry_s:
+            raise DeviceError(self._broken or f"bus {self.name}: not open")
+        self._retry_s = now_s + REOPEN_S
+        self.link.open()
+
+    def _show(self, name: str, present: bool) -> None:
+        if self._state is not None:
+            self._state.fault(name, present)

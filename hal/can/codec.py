@@ -1,0 +1,281 @@
+"""What every CAN servo protocol offers: frames to a motor, values from its frames, and the mirror image for a device.
+
+A codec is an immutable description of one motor on its wire (ids, ranges); its methods are pure functions of their
+arguments. All values are the motor's own: radians, rad/s, Nm at the shaft that the protocol speaks of, before gear,
+direction and zero of the joint (`hal.joint_map`).
+"""
+
+import enum
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from hal.can.frame import Frame, IdFilter
+
+OVER_VOLTAGE = "over_voltage"
+UNDER_VOLTAGE = "under_voltage"
+OVER_CURRENT = "over_current"
+DRIVER_OVER_TEMPERATURE = "driver_over_temperature"
+MOTOR_OVER_TEMPERATURE = "motor_over_temperature"
+COMMUNICATION_LOST = "communication_lost"
+OVERLOAD = "overload"
+ENCODER = "encoder"
+UNCALIBRATED = "uncalibrated"
+DRIVER = "driver"
+
+WATCHDOG_S = "watchdog_s"
+CONTROL_MODE = "control_mode"
+
+
+@dataclass(frozen=True, slots=True)
+class MotorModel:
+    """Ranges of one motor model's fields: positions, velocities, torques are +-max, gains 0..max.
+
+    pos_rad, vel_rad_s, torque_nm, kp (Nm/rad), kd (Nm s/rad). math.inf where the protocol sends plain floats.
+    """
+
+    name: str
+    pos_rad: float
+    vel_rad_s: float
+    torque_nm: float
+    kp: float
+    kd: float
+
+
+@dataclass(frozen=True, slots=True)
+class MotorCommand:
+    """Torque = kp (q - q_measured) + kd (dq - dq_measured) + tau, computed in the motor, at the motor's shaft."""
+
+    q_rad: float = 0.0
+    dq_rad_s: float = 0.0
+    kp: float = 0.0
+    kd: float = 0.0
+    tau_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Nothing but a finite command with gains >= 0 is packed. Raises ValueError."""
+        if not math.isfinite(self.q_rad + self.dq_rad_s + self.kp + self.kd + self.tau_nm):
+            raise ValueError(f"motor command: got {self}, expected finite values")
+        if self.kp < 0 or self.kd < 0:
+            raise ValueError(f"motor command: got {self}, expected gains of at least 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """What one frame says of a motor; None where this frame does not carry the value.
+
+    faults: names that are present now; None where the frame says nothing of faults. enabled: the drive is on.
+    """
+
+    motor_id: int
+    pos_rad: float | None = None
+    vel_rad_s: float | None = None
+    torque_nm: float | None = None
+    temperature_c: float | None = None
+    faults: tuple[str, ...] | None = None
+    enabled: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """The motor's answer to a read: `WATCHDOG_S`, `CONTROL_MODE` or another name of the codec's `setup_names`."""
+
+    motor_id: int
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ack:
+    """The motor acknowledged something that is not state. ok: False where it refused."""
+
+    motor_id: int
+    what: str
+    ok: bool = True
+
+
+Message = Feedback | Parameter | Ack
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A motor that answered a probe. details: what its answer says (host id, serial number, firmware)."""
+
+    codec: str
+    motor_id: int
+    details: Mapping[str, str]
+
+
+class CommandKind(enum.Enum):
+    """What a frame from the host asks of a motor."""
+
+    CONTROL = "control"
+    GAINS = "gains"
+    ENABLE = "enable"
+    DISABLE = "disable"
+    CLEAR_FAULT = "clear_fault"
+    SET_ZERO = "set_zero"
+    REQUEST_STATE = "request_state"
+    READ = "read"
+    WRITE = "write"
+    PROBE = "probe"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceCommand:
+    """A host's frame, as the motor understands it.
+
+    command: what is in force afterwards, for CONTROL and GAINS. name, value: for READ and WRITE.
+    """
+
+    kind: CommandKind
+    command: MotorCommand | None = None
+    name: str = ""
+    value: float = 0.0
+
+    @property
+    def feeds_watchdog(self) -> bool:
+        """Whether the motor's own watchdog counts this as a sign of life."""
+        return self.kind is not CommandKind.GAINS
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """What a motor knows of itself, for its answers. faults: names of this module or of the codec."""
+
+    pos_rad: float
+    vel_rad_s: float
+    torque_nm: float
+    temperature_c: float = 30.0
+    enabled: bool = False
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Codec(ABC):
+    """One motor on its wire, seen from the host, and (last section) seen from the motor.
+
+    motor_id, host_id: their addresses in this protocol. Class facts:
+    fd: a CAN-FD bus is needed.
+    cyclic_period_s: None where the motor answers each command with one state; else it sends by itself this often.
+    watchdog_fault: what the motor shows when its watchdog has expired; None if it only switches off without a word.
+    watchdog_damps: it damps then, instead of letting go.
+
+    At start: `set_watchdog`, `read_watchdog`, `read_setup`, then work with the codec that `with_setup` returns.
+    """
+
+    motor_id: int
+    host_id: int
+    model: MotorModel
+
+    name: ClassVar[str] = ""
+    fd: ClassVar[bool] = False
+    cyclic_period_s: ClassVar[float | None] = None
+    watchdog_fault: ClassVar[str | None] = None
+    watchdog_damps: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
+        """One motor from its line in a robot file; host_id None: the protocol's usual one. Raises InputError."""
+
+    @property
+    def setup_names(self) -> tuple[str, ...]:
+        """The parameters that `with_setup` needs."""
+        return ()
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether the host can set the motor's own watchdog and read it back."""
+        return False
+
+    @property
+    @abstractmethod
+    def reply_filter(self) -> IdFilter:
+        """Arbitration ids of this motor's answers."""
+
+    @property
+    @abstractmethod
+    def occupied(self) -> tuple[IdFilter, ...]:
+        """All arbitration ids that belong to this motor alone, both ways: disjoint between the motors of one bus."""
+
+    @abstractmethod
+    def enable(self) -> tuple[Frame, ...]:
+        """Switch the drive on, slack: until the first command no torque is asked for."""
+
+    @abstractmethod
+    def disable(self) -> tuple[Frame, ...]:
+        """Switch the drive off."""
+
+    @abstractmethod
+    def clear_fault(self) -> tuple[Frame, ...]:
+        """Clear a latched fault, on the operator's word only. Energises nothing."""
+
+    @abstractmethod
+    def set_zero(self) -> tuple[Frame, ...]:
+        """Make the present position the motor's zero. Only while disabled."""
+
+    @abstractmethod
+    def request_state(self) -> tuple[Frame, ...]:
+        """Ask a disabled motor for its state. Where the protocol has no question, this repeats the switching off."""
+
+    @abstractmethod
+    def command(self, target: MotorCommand, last: MotorCommand | None = None) -> tuple[Frame, ...]:
+        """Clamp to the ranges and pack. last: what this motor was last sent; what it still holds may be left out.
+
+        Raises ValueError for kp > 0 with kd = 0 where the protocol cannot or must not do that.
+        """
+
+    def damping(self, kd: float, last: MotorCommand | None = None) -> tuple[Frame, ...]:
+        """kp = 0, target velocity 0, this kd (Nm s/rad at the motor's shaft)."""
+        return self.command(MotorCommand(kd=kd), last)
+
+    def set_watchdog(self, timeout_s: float) -> tuple[Frame, ...]:
+        """Set the motor's own time limit without commands (s). Empty where `has_watchdog` is False."""
+        return ()
+
+    def read_watchdog(self) -> tuple[Frame, ...]:
+        """Ask for it: the answer parses as Parameter(WATCHDOG_S). Empty where `has_watchdog` is False."""
+        return ()
+
+    def read_setup(self) -> tuple[Frame, ...]:
+        """Ask for every parameter in `setup_names`, one frame each in their order. Energises nothing."""
+        return ()
+
+    def with_setup(self, parameters: Mapping[str, float]) -> Self:
+        """The codec with what the motor said of itself in place of the table. Raises DeviceFault if unusable."""
+        return self
+
+    def check_feedback(self, parameters: Mapping[str, float], feedback: Feedback) -> None:
+        """Compare state with what the motor said of itself, at rest. Raises DeviceFault where the scaling is wrong."""
+        return
+
+    @abstractmethod
+    def parse(self, frame: Frame) -> Message | None:
+        """What this motor says with the frame; None for anything that is not certainly from it and understood."""
+
+    @classmethod
+    @abstractmethod
+    def probe(cls, motor_id: int, host_id: int) -> tuple[Frame, ...]:
+        """Ask whether a motor listens on this id. Energises nothing and changes no setting."""
+
+    @classmethod
+    @abstractmethod
+    def recognise(cls, frame: Frame) -> Found | None:
+        """The motor that a frame reveals, for a scan: answers to `probe` and self-announcements."""
+
+    # The motor's side.
+
+    @abstractmethod
+    def parse_command(self, frame: Frame, held: MotorCommand) -> DeviceCommand | None:
+        """What the frame asks of this motor; None if it is not for it. held: the command in force until now."""
+
+    @abstractmethod
+    def feedback_frames(self, state: MotorState) -> tuple[Frame, ...]:
+        """The motor's state as it sends it: after each command, or every `cyclic_period_s`."""
+
+    def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
+        """The answer to READ (the parameter's value), WRITE and PROBE where it is not state; empty if there is none."""
+        return ()

@@ -1,0 +1,162 @@
+"""A robot of CAN servos and a serial IMU, for the wire process."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from hal.can.bus import CanBus
+from hal.can.bus_load import BusLoad, bus_loads, check_loads
+from hal.can.motor import Motor
+from hal.can.robot_file import RobotFile, check_motors, load_robot_file
+from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, switch_on
+from hal.imu.reader import ImuReader
+from hal.types import DeviceError, DeviceFault, DeviceInfo
+from hal.wire.boards import StateBoard
+from hal.wire.driver import Cycle
+from hal.wire.outbox import Outbox
+from robot.errors import InputError
+from robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class CanFactory:
+    """Builds the driver where the wire is owned."""
+
+    file: RobotFile
+
+    def __call__(self, robot: Robot) -> "CanDriver":
+        """See DriverFactory. Raises InputError where the file does not fit the robot."""
+        return CanDriver(robot, self.file)
+
+
+def make_factory(config: str | Path, endpoints: Mapping[str, str]) -> CanFactory:
+    """See hal/open.py. endpoints: by bus name and `imu`. Refuses a rate above 80 % of a wire's ceiling."""
+    file = load_robot_file(config)
+    check_loads(bus_loads(file))
+    return CanFactory(file.at(endpoints))
+
+
+class CanDriver:
+    """See hal.wire.driver.Driver. Damping: each codec's frame with kp = 0 and the robot's damping kd."""
+
+    def __init__(self, robot: Robot, file: RobotFile) -> None:
+        file.joint_order(robot)
+        check_motors(file, robot)
+        if file.imu is None:
+            raise InputError("no imu", where="CAN robot", hint="a robot that is to balance needs one in its file")
+        self.joint_names = robot.joint_names
+        self.has_watchdog = all(codec.has_watchdog for codec in file.codecs)
+        self._file = file
+        self._buses = [CanBus(file, bus.name, robot) for bus in file.buses if file.motors_of(bus.name)]
+        self._imu = ImuReader(file.imu)
+        self._energised = False
+
+    def identify(self) -> DeviceInfo:
+        """See Driver. Refuses also where another controller commands the motors."""
+        details: dict[str, str] = {}
+        problems = self._each_bus(self._identify_bus)
+        try:
+            details["imu"] = self._imu.identify()
+        except DeviceError as error:
+            problems.append(str(error))
+        if problems:
+            raise DeviceFault("; ".join(problems))
+        loads = {load.bus: load for load in bus_loads(self._file)}
+        for bus in self._buses:
+            details[f"bus {bus.name}"] = _bus_line(bus, loads[bus.name])
+            details |= {motor.joint: _motor_line(bus, motor) for motor in bus.motors}
+        details["watchdog"] = self._watchdog_line()
+        return DeviceInfo("can", self.joint_names, self.has_watchdog, details)
+
+    def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
+        """See Driver."""
+        return [*(bus.cycle(outbox, state) for bus in self._buses), self._imu.cycle(state)]
+
+    def enable(self) -> None:
+        """See Driver."""
+        self._energised = True
+        _raise_all(self._each_motor(switch_on))
+
+    def disable(self) -> None:
+        """See Driver."""
+        self._energised = False
+        for bus in self._buses:
+            bus.end_rounds()
+        _raise_all(self._each_motor(switch_off))
+
+    def acknowledge(self) -> None:
+        """See Driver."""
+
+        def bring(bus: CanBus, motor: Motor) -> None:
+            if motor.damped_only or motor.enabled != self._energised:
+                bring_back(bus, motor, self._file.watchdog_s, on=self._energised)
+
+        def mend(bus: CanBus) -> list[str]:
+            bus.mend()
+            return []
+
+        _raise_all(self._each_bus(mend) or self._each_motor(bring))
+
+    def close(self) -> None:
+        """See Driver."""
+        for bus in self._buses:
+            bus.close()
+        self._imu.close()
+
+    def _identify_bus(self, bus: CanBus) -> list[str]:
+        bus.link.open()
+        if strangers := commanded_by_others(bus):
+            return [f"bus {bus.name}: another controller commands {', '.join(strangers)}"]
+        return _collected(lambda motor: prepare(bus, motor, self._file.watchdog_s), bus.motors)
+
+    def _each_bus(self, action: Callable[[CanBus], list[str]]) -> list[str]:
+        """Do something to all buses at the same time; what went wrong."""
+
+        def guarded(bus: CanBus) -> list[str]:
+            try:
+                return action(bus)
+            except DeviceError as error:
+                return [str(error)]
+
+        with ThreadPoolExecutor(len(self._buses)) as pool:
+            return [problem for problems in pool.map(guarded, self._buses) for problem in problems]
+
+    def _each_motor(self, action: Callable[[CanBus, Motor], None]) -> list[str]:
+        return self._each_bus(lambda bus: _collected(lambda motor: action(bus, motor), bus.motors))
+
+    def _watchdog_line(self) -> str:
+        without = [motor.joint for bus in self._buses for motor in bus.motors if not motor.codec.has_watchdog]
+        if without:
+            return f"none that can be set: {', '.join(without)}"
+        return f"each servo's own, {1e3 * self._file.watchdog_s:.0f} ms, read back"
+
+
+def _collected(action: Callable[[Motor], None], motors: Iterable[Motor]) -> list[str]:
+    """One motor that fails hinders no other."""
+    problems = []
+    for motor in motors:
+        try:
+            action(motor)
+        except DeviceError as error:
+            problems.append(str(error))
+    return problems
+
+
+def _bus_line(bus: CanBus, load: BusLoad) -> str:
+    return (
+        f"{bus.link.where}, {load.motors} motors, {load.rate_hz:g} Hz is {load.load:.0%} of the wire's "
+        f"{load.ceiling_hz:.0f} Hz"
+    )
+
+
+def _motor_line(bus: CanBus, motor: Motor) -> str:
+    warmth = "" if motor.temperature_c != motor.temperature_c else f", {motor.temperature_c:.0f} C"
+    turns = int(bus.map.turns[motor.row])
+    folded = f", {turns:+d} turns" if turns else ""
+    return f"{motor.codec.name} {motor.codec.model.name} id {motor.codec.motor_id} on {bus.name}{warmth}{folded}"
+
+
+def _raise_all(problems: Sequence[str]) -> None:
+    if problems:
+        raise DeviceFault("; ".join(problems))

@@ -1,0 +1,128 @@
+"""One CAN adapter through python-can: frames in, frames out, and errors in words."""
+
+import contextlib
+import logging
+import socket
+import time
+from collections import Counter
+from typing import Any
+
+import can
+
+from hal.can.endpoints import ECHOING
+from hal.can.frame import Frame
+from hal.types import DeviceError
+
+CONNECT_S = 0.2
+# python-can raises its own errors, but also what the system and the adapters' libraries raise.
+ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
+logging.getLogger("can").setLevel(logging.CRITICAL)
+
+
+class Link:
+    """A bus by python-can's keywords. For one thread at a time. Every failure is a DeviceError naming the bus."""
+
+    def __init__(self, name: str, arguments: dict[str, Any]) -> None:
+        self.name, self.arguments = name, arguments
+        self.sent = self.received = self.error_frames = 0
+        self._bus: can.BusABC | None = None
+        self._echoes: Counter[tuple[int, bytes]] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the adapter was there when it was last used."""
+        return self._bus is not None
+
+    @property
+    def where(self) -> str:
+        """For messages."""
+        return f"{self.arguments['interface']} {self.arguments['channel']}"
+
+    def open(self) -> None:
+        """Open the adapter. What was waiting in it is thrown away."""
+        self._echoes = Counter() if self.arguments["interface"] in ECHOING else None
+        try:
+            _reach(self.arguments)
+            self._bus = can.Bus(**self.arguments)
+        except ERRORS as error:
+            raise DeviceError(f"bus {self.name}: cannot open {self.where}: {error}") from error
+        self.drain()
+
+    def close(self) -> None:
+        """Let go. May be repeated."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            with contextlib.suppress(*ERRORS):
+                bus.shutdown()
+
+    def send(self, frame: Frame) -> None:
+        """Hand one frame to the adapter, which sends it when the wire is free."""
+        message = can.Message(
+            arbitration_id=frame.arbitration_id,
+            data=frame.data,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            is_fd=frame.fd,
+            bitrate_switch=frame.fd,
+        )
+        try:
+            self._require().send(message, timeout=0.0)
+        except ERRORS as error:
+            self.close()
+            raise DeviceError(f"bus {self.name}: cannot send: {error or type(error).__name__}") from error
+        self.sent += 1
+        if self._echoes is not None:
+            self._echoes[frame.arbitration_id, frame.data] += 1
+
+    def receive(self, until_s: float) -> Frame | None:
+        """The next frame that another node sent, or None at until_s (monotonic clock; the past means: do not wait)."""
+        while True:
+            try:
+                message = self._require().recv(max(0.0, until_s - time.monotonic()))
+            except ERRORS as error:
+                self.close()
+                raise DeviceError(f"bus {self.name}: cannot receive: {error or type(error).__name__}") from error
+            if message is None:
+                return None
+            if message.is_error_frame:
+                self.error_frames += 1
+                continue
+            frame = Frame(
+                message.arbitration_id,
+                bytes(message.data),
+                message.is_extended_id,
+                message.is_fd,
+                message.is_remote_frame,
+            )
+            if not self._is_echo(frame):
+                self.received += 1
+                return frame
+
+    def drain(self) -> int:
+        """Throw away what is waiting; how many frames it was."""
+        count = 0
+        while self.receive(0.0) is not None:
+            count += 1
+        return count
+
+    def _require(self) -> can.BusABC:
+        if self._bus is None:
+            raise DeviceError(f"bus {self.name}: not open")
+        return self._bus
+
+    def _is_echo(self, frame: Frame) -> bool:
+        """Some transports give back what one has sent; each such frame is dropped once."""
+        if self._echoes is None:
+            return False
+        key = (frame.arbitration_id, frame.data)
+        if self._echoes[key] <= 0:
+            del self._echoes[key]
+            return False
+        self._echoes[key] -= 1
+        return True
+
+
+def _reach(arguments: dict[str, Any]) -> None:
+    """python-can tries for 10 s to connect to a socketcand that is not there: ask first."""
+    if arguments["interface"] == "socketcand":
+        socket.create_connection((arguments["host"], arguments["port"]), timeout=CONNECT_S).close()

@@ -1,0 +1,266 @@
+"""A robot of CAN servos as one YAML file: buses, motors, IMU."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hal.can.codec import Codec
+from hal.can.codecs import make_codec
+from hal.can.endpoints import EMULATED_AS, bus_arguments
+from hal.can.frame import IdFilter
+from hal.imu.options import ImuOptions
+from hal.joint_map import JointMap
+from hal.options import config_file, load_options
+from robot.errors import InputError
+from robot.names import check_same_names
+from robot.robot import Robot
+
+IMU = "imu"
+ROUNDING = 1e-9
+DEFAULT_CONFIG = "can_g1"
+
+
+@dataclass(frozen=True)
+class BusEntry:
+    """One CAN bus. interface, channel, options: as python-can names them.
+
+    fd: CAN-FD frames, data phase at data_bitrate. emulated_as: the transport that the emulator offers in its place.
+    """
+
+    name: str
+    interface: str
+    channel: str
+    bitrate: int = 1_000_000
+    fd: bool = False
+    data_bitrate: int = 5_000_000
+    options: dict = field(default_factory=dict)
+    emulated_as: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without the bus. Raises InputError."""
+        where = f"bus {self.name}"
+        for what in ("bitrate", "data_bitrate"):
+            if getattr(self, what) <= 0:
+                raise InputError(what, where=where, got=getattr(self, what), expected="bits per second above 0")
+        if self.emulated_as not in (None, *EMULATED_AS):
+            raise InputError(
+                "emulated_as", where=where, got=self.emulated_as, expected=f"one of {', '.join(EMULATED_AS)}"
+            )
+        if self.fd and self.emulated_as in ("socketcand", "slcan"):
+            raise InputError(
+                "emulated_as", where=where, got=self.emulated_as, expected="virtual or udp_multicast for FD"
+            )
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What python-can's `Bus` is to be opened with."""
+        return bus_arguments(self)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Narrower than the robot's own, at the joint. pos_rad: lower and upper end. torque_nm: what the motor can give."""
+
+    pos_rad: tuple[float, float] | None = None
+    torque_nm: float | None = None
+
+
+@dataclass(frozen=True)
+class MotorEntry:
+    """One servo and its joint. id, host_id, model, options: the codec's. direction, zero_rad, gear: see JointMap.
+
+    fold: whole motor turns are settled at start by the joint's band (single-turn encoders).
+    """
+
+    joint: str
+    bus: str
+    id: int
+    codec: str
+    model: str
+    host_id: int | None = None
+    direction: int = 1
+    zero_rad: float = 0.0
+    gear: float = 1.0
+    fold: bool = True
+    limits: Limits = field(default_factory=Limits)
+    options: dict = field(default_factory=dict)
+
+    def make_codec(self) -> Codec:
+        """Its codec, with the ranges of the table. Raises InputError naming the joint."""
+        try:
+            return make_codec(self.codec, self.id, self.model, host_id=self.host_id, **self.options)
+        except InputError as error:
+            raise InputError(str(error), where=f"motor of {self.joint}") from error
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """All motors of a robot on their buses, polled rate_hz times a second.
+
+    watchdog_s: the servos' own time limit without a command. band_margin_rad: how far beyond a joint's range its motor
+    may be found at start.
+    """
+
+    robot: str
+    rate_hz: float
+    buses: tuple[BusEntry, ...]
+    motors: tuple[MotorEntry, ...]
+    imu: ImuOptions | None = None
+    watchdog_s: float = 0.1
+    band_margin_rad: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check names, ids and figures. Raises InputError."""
+        for what in ("rate_hz", "watchdog_s"):
+            if not 0 < getattr(self, what) < math.inf:
+                raise InputError(what, got=getattr(self, what), expected="a number above 0")
+        if not 0 <= self.band_margin_rad < math.pi:
+            raise InputError("band_margin_rad", got=self.band_margin_rad, expected="an angle from 0 up")
+        if self.watchdog_s < 3.0 / self.rate_hz:
+            raise InputError(
+                "watchdog_s", got=self.watchdog_s, expected=f"at least 3 rounds of the bus, {3e3 / self.rate_hz:g} ms"
+            )
+        _refuse_repeated("bus", [bus.name for bus in self.buses])
+        _refuse_repeated("motor for joint", [motor.joint for motor in self.motors])
+        known = [bus.name for bus in self.buses]
+        if IMU in known:
+            raise InputError("bus name", got=IMU, expected="another name: this one stands for the IMU")
+        for motor in self.motors:
+            if motor.bus not in known:
+                expected = f"one of {', '.join(known)}"
+                raise InputError("bus", where=f"motor of {motor.joint}", got=motor.bus, expected=expected)
+        for bus in self.buses:
+            self._check_bus(bus)
+
+    @cached_property
+    def codecs(self) -> tuple[Codec, ...]:
+        """One per motor, with the ranges of the tables."""
+        return tuple(motor.make_codec() for motor in self.motors)
+
+    @cached_property
+    def joint_map(self) -> JointMap:
+        """Of all motors, in the file's order."""
+        motors = self.motors
+        return JointMap.of(
+            [motor.joint for motor in motors],
+            [motor.direction for motor in motors],
+            [motor.zero_rad for motor in motors],
+            [motor.gear for motor in motors],
+        )
+
+    def motors_of(self, bus: str) -> list[int]:
+        """Which of the motors hang on a bus."""
+        return [i for i, motor in enumerate(self.motors) if motor.bus == bus]
+
+    def joint_order(self, robot: Robot) -> np.ndarray:
+        """(N,) where each motor's joint stands in the robot. Raises InputError unless each joint has one motor."""
+        check_same_names([motor.joint for motor in self.motors], robot.joint_names, where=f"motors of {robot.name}")
+        return np.array([robot.joint_names.index(motor.joint) for motor in self.motors], dtype=int)
+
+    def bands_rad(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) lower and upper end of each motor's joint, margin included. Raises InputError where ambiguous."""
+        lower, upper = np.empty(len(self.motors)), np.empty(len(self.motors))
+        for i, motor in enumerate(self.motors):
+            lower[i], upper[i] = _range_of(motor, robot)
+        lower, upper = lower - self.band_margin_rad, upper + self.band_margin_rad
+        self.joint_map.check_bands(lower, upper, np.array([motor.fold for motor in self.motors], dtype=bool))
+        return lower, upper
+
+    def at(self, endpoints: Mapping[str, str]) -> "RobotFile":
+        """The same robot elsewhere: an emulator's endpoints by bus name and `imu`. Raises InputError on others."""
+        known = [bus.name for bus in self.buses] + [IMU]
+        if unknown := sorted(set(endpoints) - set(known)):
+            raise InputError("unknown wire", got=", ".join(unknown), expected=f"some of {', '.join(known)}")
+        buses = tuple(
+            replace(bus, interface="endpoint", channel=endpoints[bus.name], options={})
+            if bus.name in endpoints
+            else bus
+            for bus in self.buses
+        )
+        imu = self.imu
+        if imu is not None and IMU in endpoints:
+            imu = replace(imu, port=endpoints[IMU])
+        return replace(self, buses=buses, imu=imu)
+
+    def _check_bus(self, bus: BusEntry) -> None:
+        members = self.motors_of(bus.name)
+        for i in members:
+            if self.codecs[i].fd and not bus.fd:
+                raise InputError(
+                    "fd", where=f"bus {bus.name}", got="false", expected=f"true for {self.motors[i].codec}"
+                )
+        for i, k in combinations(members, 2):
+            for one in self.codecs[i].occupied:
+                for other in self.codecs[k].occupied:
+                    if _overlap(one, other):
+                        names = f"{self.motors[i].joint} and {self.motors[k].joint}"
+                        raise InputError("motors share an identifier", where=f"bus {bus.name}", got=names)
+
+
+def load_robot_file(name_or_file: str | Path = DEFAULT_CONFIG) -> RobotFile:
+    """`configs/hal/<name>.yaml` or a file. Raises InputError naming file and entry."""
+    path = config_file("hal", name_or_file)
+    try:
+        return load_options(RobotFile, path)
+    except InputError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise InputError(str(error), where=path) from error
+
+
+def check_motors(file: RobotFile, robot: Robot) -> None:
+    """Refuse motors whose torque or gains do not reach what their joints ask for. Raises InputError naming the joint.
+
+    A motor may be weaker than its joint's torque limit where its line says so (`limits`).
+    """
+    for motor, codec in zip(file.motors, file.codecs):
+        i = robot.joint_names.index(motor.joint)
+        needed_nm = min(float(robot.torque_limit_nm[i]), motor.limits.torque_nm or math.inf)
+        asked = (
+            ("Nm", needed_nm, codec.model.torque_nm * motor.gear),
+            ("Nm/rad", float(robot.kp[i]), codec.model.kp * motor.gear**2),
+            ("Nm s/rad", float(max(robot.kd[i], robot.damping_kd[i])), codec.model.kd * motor.gear**2),
+        )
+        for unit, needed, given in asked:
+            if given < needed * (1.0 - ROUNDING):
+                raise InputError(
+                    f"{motor.model} is too weak",
+                    where=f"motor of {motor.joint}",
+                    got=f"{given:g} {unit} at the joint",
+                    expected=f"{needed:g} {unit}",
+                    hint="torque may be limited in the file (`limits: {torque_nm: ...}`)" if unit == "Nm" else None,
+                )
+
+
+def _range_of(motor: MotorEntry, robot: Robot) -> tuple[float, float]:
+    if motor.joint not in robot.joint_names:
+        expected = f"one of {', '.join(robot.joint_names)}"
+        raise InputError("unknown joint", where=f"motor {motor.id} on {motor.bus}", got=motor.joint, expected=expected)
+    i = robot.joint_names.index(motor.joint)
+    lower, upper = float(robot.pos_lower_rad[i]), float(robot.pos_upper_rad[i])
+    if motor.limits.pos_rad is None:
+        return lower, upper
+    low, high = motor.limits.pos_rad
+    if not lower <= low < high <= upper:
+        where = f"motor of {motor.joint}: limits"
+        raise InputError("pos_rad", where=where, got=[low, high], expected=f"within {lower:g} to {upper:g}")
+    return low, high
+
+
+def _refuse_repeated(what: str, names: Sequence[str]) -> None:
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"more than one {what}", got=", ".join(repeated))
+
+
+def _overlap(one: IdFilter, other: IdFilter) -> bool:
+    """Whether some identifier passes both."""
+    if None not in (one.extended, other.extended) and one.extended != other.extended:
+        return False
+    mask = one.mask & other.mask
+    return one.value & mask == other.value & mask

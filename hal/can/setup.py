@@ -1,0 +1,128 @@
+"""Conversations with one servo: find and check it, switch it on and off. All raise DeviceError saying what is wrong."""
+
+from collections.abc import Callable
+
+from hal.can.bus import CanBus
+from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, Message, MotorCommand, Parameter
+from hal.can.frame import Frame
+from hal.can.motor import Motor
+from hal.types import DeviceError, DeviceFault
+
+SWITCH_TRIES = 10
+ANSWER_TRIES = 6
+WATCHDOG_TOLERANCE = 0.02
+LISTEN_S = 0.05
+COMMANDING = (CommandKind.CONTROL, CommandKind.GAINS, CommandKind.ENABLE)
+
+
+def commanded_by_others(bus: CanBus) -> list[str]:
+    """The joints whose motors somebody else commands: what is on the wire though we have said nothing yet."""
+    heard = bus.listen(LISTEN_S)
+    names = []
+    for motor in bus.motors:
+        commands = (motor.codec.parse_command(frame, MotorCommand()) for frame in heard)
+        if any(command is not None and command.kind in COMMANDING for command in commands):
+            names.append(motor.joint)
+    return names
+
+
+def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = True) -> None:
+    """Watchdog set and read back, scaling read or compared, position inside the joint's band. Energises nothing.
+
+    calibrated: False where the band says nothing yet. Raises DeviceError where the motor is silent, DeviceFault where
+    what it says cannot be used.
+    """
+    _set_watchdog(bus, motor, watchdog_s)
+    asked = zip(motor.codec.setup_names, motor.codec.read_setup())
+    parameters = {name: _parameter(bus, motor, name, question) for name, question in asked}
+    motor.codec = motor.codec.with_setup(parameters)
+    state = _state(bus, motor)
+    motor.codec.check_feedback(parameters, state)
+    if calibrated:
+        bus.settle_turns(motor)
+
+
+def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
+    """Clear what its watchdog left, enable it, into damping. Refuses a joint outside its band."""
+    if calibrated and not bus.is_in_band(motor):
+        raise DeviceFault(f"{motor.name}: at {bus.joint_pos_rad(motor):.3f} rad, outside its range: move it by hand")
+    if motor.codec.watchdog_fault is not None and motor.codec.watchdog_fault in motor.faults:
+        bus.ask(motor, motor.codec.clear_fault(), _is_feedback, tries=1)
+    frames = (*motor.codec.enable(), *motor.codec.damping(motor.damping_kd))
+    motor.enabled = motor.switching = True
+    try:
+        motor.enabled = bus.ask(motor, frames, _says_on, tries=SWITCH_TRIES) is not None
+    finally:
+        motor.switching = False
+    if not motor.enabled:
+        faults = ", ".join(motor.faults) or "no fault shown"
+        raise DeviceError(f"{motor.name}: does not switch on ({faults})")
+
+
+def switch_off(bus: CanBus, motor: Motor) -> None:
+    """Take the drive away, and be sure of it: a lost frame must not leave a motor on."""
+    motor.enabled = False
+    if bus.ask(motor, motor.codec.disable(), _says_off, tries=SWITCH_TRIES) is None:
+        raise DeviceError(f"{motor.name}: has not confirmed that it is off")
+
+
+def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> None:
+    """The operator's word after a fault: clear it, check everything anew, switch on into damping where it was on."""
+    motor.enabled = False
+    bus.ask(motor, motor.codec.clear_fault(), _is_feedback, tries=ANSWER_TRIES)
+    prepare(bus, motor, watchdog_s)
+    faults = [name for name in motor.faults if name != motor.codec.watchdog_fault]
+    if faults:
+        raise DeviceFault(f"{motor.name}: still reports {', '.join(faults)}")
+    if on:
+        switch_on(bus, motor)
+    bus.forget(motor)
+
+
+def _set_watchdog(bus: CanBus, motor: Motor, watchdog_s: float) -> None:
+    if not motor.codec.has_watchdog:
+        return
+    frames = (*motor.codec.set_watchdog(watchdog_s), *motor.codec.read_watchdog())
+    answer = bus.ask(motor, frames, _names(WATCHDOG_S), tries=ANSWER_TRIES)
+    if not isinstance(answer, Parameter):
+        raise _silent(bus, motor)
+    if abs(answer.value - watchdog_s) > WATCHDOG_TOLERANCE * watchdog_s:
+        raise DeviceFault(f"{motor.name}: its watchdog reads {answer.value:g} s after setting {watchdog_s:g} s")
+
+
+def _parameter(bus: CanBus, motor: Motor, name: str, question: Frame) -> float:
+    answer = bus.ask(motor, (question,), _names(name), tries=ANSWER_TRIES)
+    if not isinstance(answer, Parameter):
+        raise DeviceError(f"{motor.name}: does not say its {name}")
+    return answer.value
+
+
+def _state(bus: CanBus, motor: Motor) -> Feedback:
+    """A complete state, be it in several frames."""
+    patience_s = 3.0 * (motor.codec.cyclic_period_s or 0.0)
+    motor.forget_state()
+    bus.ask(motor, motor.codec.request_state(), lambda _: motor.complete, tries=ANSWER_TRIES, patience_s=patience_s)
+    if not motor.complete:
+        raise _silent(bus, motor)
+    return Feedback(motor.codec.motor_id, motor.pos_rad, motor.vel_rad_s, motor.torque_nm)
+
+
+def _silent(bus: CanBus, motor: Motor) -> DeviceError:
+    return DeviceError(f"{motor.name}: silent on bus {bus.name}: no power, no cable, or another id")
+
+
+def _names(name: str) -> Callable[[Message], bool]:
+    return lambda message: isinstance(message, Parameter) and message.name == name
+
+
+def _is_feedback(message: Message) -> bool:
+    return isinstance(message, Feedback)
+
+
+def _says_on(message: Message) -> bool:
+    """Motors that never say whether they are on are believed when they answer."""
+    return isinstance(message, Feedback) and message.enabled is not False and message.pos_rad is not None
+
+
+def _says_off(message: Message) -> bool:
+    return isinstance(message, Feedback) and not message.enabled

@@ -1,0 +1,197 @@
+"""The driver of a Unitree G1 with 29 motors over DDS: LowState in, LowCmd out."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hal.dds.command import CommandFrames
+from hal.dds.link import Link
+from hal.dds.motion_service import MotionService
+from hal.dds.observation import refusals
+from hal.dds.options import DdsOptions, load_dds_options
+from hal.dds.slots import SlotMap
+from hal.dds.state_reader import STATE_TOPIC, StateReader
+from hal.dds.state_writer import StateWriter
+from hal.dds.tick_clock import TickClock
+from hal.dds.types import LowCmd_
+from hal.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
+from hal.wire.boards import StateBoard
+from hal.wire.driver import Cycle
+from hal.wire.outbox import Kind, Outbox
+from robot.robot import Robot
+
+COMMAND_TOPIC = "rt/lowcmd"
+LISTEN_S = 0.2
+SECOND_CHECK_S = 0.05
+DISABLING_FRAMES = 20
+FEWEST_STATES = 10
+PAUSE_S = 0.005
+SECOND_CONTROLLER = "second controller: somebody else commands on rt/lowcmd"
+
+
+class DdsDriver:
+    """See hal.wire.driver.Driver.
+
+    `enable` has the onboard motion service let go and makes sure that nobody else commands; only then LowCmd is sent,
+    at `command_hz`. Damping frame: LowCmd with mode 1, kp = 0 and the robot's damping kd, the held joints likewise.
+    `disable` sends mode 0.
+    """
+
+    has_watchdog = False
+
+    def __init__(self, robot: Robot, options: DdsOptions) -> None:
+        self.joint_names = robot.joint_names
+        self._options = options
+        self._slots = SlotMap(robot, options.held)
+        self._period_s = 1.0 / options.command_hz
+        self._frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
+        self._states: StateReader | None = None
+        self._taken = False
+        self._sent = 0
+        self._next_check_s = -np.inf
+
+    def identify(self) -> DeviceInfo:
+        """See Driver."""
+        options = self._options
+        self._link = Link(options.domain, options.interface)
+        self._states = StateReader(self._link)
+        self._others = self._link.reader(COMMAND_TOPIC, LowCmd_, others_only=True)
+        self._service = MotionService(self._link) if options.motion_service == "release" else None
+        self._await_states(self._states)
+        observed = self._states.observed()
+        self._clock = TickClock.fitted([int(message["tick"]) for message, _ in observed], [s for _, s in observed])
+        reasons = refusals([message for message, _ in observed], self._states.counts, options.held)
+        if reasons:
+            raise DeviceFault(f"dds: refused, {self._link.name}: {'; '.join(reasons)}")
+        active = "" if self._service is None else self._service.active_mode()
+        if not active and self._others_command():
+            raise DeviceFault(f"dds: refused, {self._link.name}: {SECOND_CONTROLLER}")
+        message = self._message()
+        details = {
+            "link": self._link.name,
+            "mode_machine": str(message["mode_machine"]),
+            "version": ".".join(str(part) for part in message["version"].tolist()),
+            "motion service": f"{active!r} is active, let go before the first command" if active else "released",
+            "commands": f"{options.command_hz:g} Hz",
+            "ages": "by the robot's tick" if self._clock.usable else "by arrival, the robot's tick is no millisecond",
+        }
+        return DeviceInfo("Unitree G1", self.joint_names, self.has_watchdog, details)
+
+    def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
+        """See Driver."""
+        self._outbox, self._board = outbox, state
+        self._writer = StateWriter(state, self._slots, self._clock, int(self._message()["mode_machine"]))
+        assert self._states is not None
+        self._states.deliver(self._writer.hear)
+        return [Cycle("dds", self._period_s, self._run)]
+
+    def enable(self) -> None:
+        """See Driver. The robot goes limp where its motion service was active."""
+        if self._service is not None:
+            self._service.release(self._options.release_s)
+        if self._others_command():
+            self._writer.latch(SECOND_CONTROLLER)
+            raise DeviceFault(f"dds: {SECOND_CONTROLLER}")
+        # Made here, so that a robot which is only looked at never sees a controller.
+        self._commands = self._link.writer(COMMAND_TOPIC, LowCmd_)
+        self._writer.commanding_since_s = time.monotonic()
+        self._taken = True
+
+    def acknowledge(self) -> None:
+        """See Driver. Where taking over has failed, it is tried again."""
+        self._writer.acknowledge()
+        if self._outbox.energised and not self._taken:
+            self.enable()
+
+    def disable(self) -> None:
+        """See Driver."""
+        if not self._taken:
+            return
+        body = self._frames.disabled_body(int(self._message()["mode_machine"]))
+        for _ in range(DISABLING_FRAMES):
+            self._commands.write(LowCmd_(body))
+            time.sleep(PAUSE_S)
+
+    def close(self) -> None:
+        """See Driver."""
+        if self._states is not None:
+            self._states.stop()
+        for name in ("_commands", "_others", "_service", "_states", "_link"):
+            vars(self).pop(name, None)
+
+    def _run(self, now_s: float) -> None:
+        """One round: send what is to be sent, look out for others, pass on what ended the reader."""
+        assert self._states is not None
+        outgoing = self._outbox.at(time.monotonic())
+        if outgoing.kind is not Kind.IDLE and self._taken:
+            message = self._message()
+            body = self._frames.body(outgoing, int(message["mode_machine"]), message["motor_state"])
+            self._commands.write(LowCmd_(body))
+            self._sent += 1
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + SECOND_CHECK_S
+            self._look_around()
+        if self._states.failure is not None:
+            raise DeviceError(f"dds: reading {STATE_TOPIC}: {self._states.failure!r}") from self._states.failure
+
+    def _look_around(self) -> None:
+        if self._taken and self._others.take():
+            self._writer.latch(SECOND_CONTROLLER)
+        assert self._states is not None
+        for name, count in vars(self._states.counts).items():
+            self._board.stats(f"lowstate {name}", count)
+        self._board.stats("lowcmd sent", self._sent)
+
+    def _await_states(self, states: StateReader) -> None:
+        """Observe the robot for a while, and for as long as it takes to hear enough of it."""
+        wait_s = self._options.state_wait_s
+        end_s = time.monotonic() + wait_s
+        enough_s = None
+        while enough_s is None or time.monotonic() < enough_s or states.counts.heard < FEWEST_STATES:
+            if states.failure is not None:
+                raise DeviceError(f"dds: reading {STATE_TOPIC}: {states.failure!r}") from states.failure
+            if states.counts.heard and enough_s is None:
+                enough_s = time.monotonic() + self._options.observe_s
+                end_s = enough_s + wait_s
+            if time.monotonic() > end_s:
+                heard = f"{states.counts.heard or 'no'} LowState within {wait_s:g} s, {self._link.name}"
+                raise LinkLost(f"dds: silent robot: {heard}; is it on, and are interface and domain right?")
+            time.sleep(PAUSE_S)
+
+    def _others_command(self) -> bool:
+        """Whether anybody else sends LowCmd now."""
+        self._others.take()
+        end_s = time.monotonic() + LISTEN_S
+        while time.monotonic() < end_s:
+            time.sleep(PAUSE_S)
+            if self._others.take():
+                return True
+        return False
+
+    def _message(self) -> np.ndarray:
+        assert self._states is not None and self._states.latest is not None
+        return self._states.latest[0]
+
+
+@dataclass(frozen=True)
+class DdsFactory:
+    """Builds the driver in the wire process. Raises InputError where the robot does not fit a G1's motors."""
+
+    options: DdsOptions
+
+    @property
+    def link_timeout_s(self) -> float:
+        """How long everything may be silent."""
+        return self.options.link_timeout_s
+
+    def __call__(self, robot: Robot) -> DdsDriver:
+        """The driver."""
+        return DdsDriver(robot, self.options)
+
+
+def make_factory(config: Path, endpoints: Mapping[str, str]) -> DdsFactory:
+    """See hal.open.WIRES; endpoints may have `interface` and `domain`."""
+    return DdsFactory(load_dds_options(config, endpoints))

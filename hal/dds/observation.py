@@ -1,0 +1,59 @@
+"""What is wrong with a robot, from what it said before anybody commanded it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hal.dds.slots import DISCONNECTED, SLOT_NAMES, SLOTS, HeldJoint, machine_refusal
+from hal.dds.state_reader import Counts
+
+RANGE_MARGIN_RAD = 0.1
+SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
+
+
+def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldJoint]) -> list[str]:
+    """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival."""
+    if counts.bad_checksum:
+        share = f"{counts.bad_checksum} of {counts.heard}"
+        return [f"bad checksum in {share} LowStates"]
+    if not messages:
+        return [f"{counts.malformed} messages on rt/lowstate that are no LowState"]
+    last = messages[-1]
+    reasons = [] if (refused := machine_refusal(int(last["mode_machine"]))) is None else [refused]
+    if int(last["mode_pr"]) != 0:
+        reasons.append("mode_pr is not 0: ankles and waist are reported as parallel motors, restart the robot")
+    reasons += _ticks(messages)
+    reasons += _motors(messages)
+    reasons += _held_ranges(last, held)
+    return reasons
+
+
+def _ticks(messages: Sequence[np.ndarray]) -> list[str]:
+    ticks = np.array([int(message["tick"]) for message in messages])
+    if len(ticks) > 1 and (np.diff(ticks) < 0).any():
+        return ["LowState's tick jumps back: is there a second robot in this domain?"]
+    if len(ticks) > 1 and ticks[-1] == ticks[0]:
+        return ["LowState's tick stands still"]
+    return []
+
+
+def _motors(messages: Sequence[np.ndarray]) -> list[str]:
+    """A motor is missing where it is disconnected, or where everything that it ever says is zero."""
+    states = np.stack([message["motor_state"][:SLOTS] for message in messages])
+    disconnected = (states["motorstate"][-1] & DISCONNECTED) != 0
+    speaks = np.any([(states[name] != 0).any(axis=0) for name in SPOKEN], axis=0)
+    speaks |= (states["temperature"] != 0).any(axis=(0, 2))
+    missing = disconnected | ~speaks
+    names = [name for name, absent in zip(SLOT_NAMES, missing) if absent]
+    return [f"missing motors: {', '.join(names)}"] if names else []
+
+
+def _held_ranges(message: np.ndarray, held: Sequence[HeldJoint]) -> list[str]:
+    """The robot's own joints are judged by whoever commands them."""
+    reasons = []
+    for joint in held:
+        pos_rad = float(message["motor_state"]["q"][SLOT_NAMES.index(joint.name)])
+        lower, upper = joint.range_rad[0] - RANGE_MARGIN_RAD, joint.range_rad[1] + RANGE_MARGIN_RAD
+        if not lower <= pos_rad <= upper:
+            reasons.append(f"{joint.name} at {pos_rad:.2f} rad, expected {joint.range_rad[0]} to {joint.range_rad[1]}")
+    return reasons

@@ -1,0 +1,73 @@
+"""configs/hal/dds.yaml."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hal.dds.slots import HeldJoint
+from hal.options import load_options
+from robot.errors import InputError
+
+SERVICES = ("release", "none")
+
+
+@dataclass(frozen=True)
+class EmulatorOptions:
+    """How the emulated robot differs from one to the next."""
+
+    state_hz: float
+    mode_machine: int
+    motion_service: str
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        if not 1 <= self.state_hz <= 2000:
+            raise InputError("state_hz", where="dds: emulator", got=self.state_hz, expected="1 to 2000")
+        if not 0 <= self.mode_machine <= 255:
+            raise InputError("mode_machine", where="dds: emulator", got=self.mode_machine, expected="0 to 255")
+
+
+@dataclass(frozen=True)
+class DdsOptions:
+    """configs/hal/dds.yaml."""
+
+    interface: str
+    domain: int
+    command_hz: float
+    link_timeout_s: float
+    state_wait_s: float
+    observe_s: float
+    motion_service: str
+    release_s: float
+    held_speed_rad_s: float
+    held: tuple[HeldJoint, ...]
+    emulator: EmulatorOptions
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        for name in ("link_timeout_s", "state_wait_s", "observe_s", "release_s", "held_speed_rad_s"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(name, where="dds", got=getattr(self, name), expected="a finite number above 0")
+        if not 50 <= self.command_hz <= 1000:
+            raise InputError("command_hz", where="dds", got=self.command_hz, expected="50 to 1000")
+        if not 0 <= self.domain <= 232:
+            raise InputError("domain", where="dds", got=self.domain, expected="0 to 232")
+        if self.motion_service not in SERVICES:
+            raise InputError("motion_service", where="dds", got=self.motion_service, expected=" or ".join(SERVICES))
+
+
+def load_dds_options(config: Path, endpoints: Mapping[str, str]) -> DdsOptions:
+    """A configuration file, with `interface` and `domain` of endpoints instead of its own.
+
+    Raises InputError on an unusable entry, or where no interface is named.
+    """
+    options = load_options(DdsOptions, config)
+    domain = endpoints.get("domain", str(options.domain))
+    if not domain.isdecimal():
+        raise InputError("domain", where="dds", got=domain, expected="a whole number from 0 to 232")
+    options = replace(options, interface=endpoints.get("interface", options.interface), domain=int(domain))
+    if not options.interface:
+        hint = "name it with --interface (`ip -brief address` lists them; the G1's network is 192.168.123.0/24)"
+        raise InputError("no network interface", where=config, hint=hint)
+    return options

@@ -1,0 +1,146 @@
+"""A robot of Dynamixel servos and a serial IMU, for the wire process."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hal.dynamixel.group import ServoGroup
+from hal.dynamixel.port import latency_timer_ms
+from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load, with_endpoints
+from hal.dynamixel.setup import Found
+from hal.dynamixel.translation import Translation
+from hal.imu.reader import ImuReader
+from hal.types import DeviceError, DeviceFault, DeviceInfo
+from hal.wire.boards import StateBoard
+from hal.wire.driver import Cycle
+from hal.wire.outbox import Outbox
+from robot.robot import Robot
+
+LATENCY_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class DynamixelFactory:
+    """Builds the driver where the wire is owned."""
+
+    options: DynamixelOptions
+
+    def __call__(self, robot: Robot) -> "DynamixelDriver":
+        """See DriverFactory."""
+        return DynamixelDriver(robot, self.options)
+
+
+def make_factory(config: Path, endpoints: Mapping[str, str]) -> DynamixelFactory:
+    """endpoints: device files by port name, and `imu`, in place of the file's. Raises InputError; opens nothing."""
+    return DynamixelFactory(with_endpoints(load_dynamixel(config), endpoints))
+
+
+class DynamixelDriver:
+    """See hal.wire.driver.Driver. Damping: P = I = 0 and D for the robot's damping kd, torque on.
+
+    Raises InputError where the file's joints are not the robot's.
+    """
+
+    has_watchdog = True
+
+    def __init__(self, robot: Robot, options: DynamixelOptions) -> None:
+        robot.joint_index([servo.joint for servo in options.servos])
+        self.joint_names = robot.joint_names
+        self._robot, self._options = robot, options
+        self._groups = [ServoGroup(options, port, robot) for port in options.ports]
+        self._imu = ImuReader(options.imu)
+
+    def identify(self) -> DeviceInfo:
+        """See Driver."""
+        problems: list[str] = []
+        details: dict[str, str] = {}
+        with ThreadPoolExecutor(len(self._groups)) as pool:
+            for lines, wrong in pool.map(self._identify_port, self._groups):
+                details |= lines
+                problems += wrong
+        try:
+            details["imu"] = self._imu.identify()
+        except DeviceError as error:
+            problems.append(str(error))
+        if problems:
+            raise DeviceFault("; ".join(problems))
+        details["watchdog"] = f"each servo's own, {1e3 * self._options.watchdog_counts * 0.02:.0f} ms, read back"
+        return DeviceInfo("dynamixel", self.joint_names, self.has_watchdog, details)
+
+    def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
+        """See Driver."""
+        return [*(group.cycle(outbox, state) for group in self._groups), self._imu.cycle(state)]
+
+    def enable(self) -> None:
+        """See Driver."""
+        self._on_all(ServoGroup.enable)
+
+    def disable(self) -> None:
+        """See Driver."""
+        self._on_all(ServoGroup.disable)
+
+    def acknowledge(self) -> None:
+        """See Driver."""
+        self._on_all(ServoGroup.acknowledge)
+
+    def close(self) -> None:
+        """See Driver."""
+        for group in self._groups:
+            group.close()
+        self._imu.close()
+
+    def _on_all(self, action: Callable[[ServoGroup], list[str]]) -> None:
+        """Do something on all ports at once. Raises DeviceFault naming everything that went wrong."""
+        with ThreadPoolExecutor(len(self._groups)) as pool:
+            problems = [problem for found in pool.map(action, self._groups) for problem in found]
+        if problems:
+            raise DeviceFault("; ".join(problems))
+
+    def _identify_port(self, group: ServoGroup) -> tuple[dict[str, str], list[str]]:
+        """What to print about a port and its servos, and everything that is wrong."""
+        lines = {f"port {group.options.name}": self._port_line(group)}
+        problems = self._check_latency(group)
+        try:
+            found, wrong = group.identify()
+        except DeviceError as error:
+            return lines, [*problems, *str(error).split("; ")]
+        return lines | ({} if wrong else self._servo_lines(group, found)), problems + wrong
+
+    def _check_latency(self, group: ServoGroup) -> list[str]:
+        device, period_ms = group.options.device, 1e3 / self._options.rate_hz
+        latency_ms = latency_timer_ms(device)
+        if latency_ms is None or latency_ms <= LATENCY_SHARE * period_ms:
+            return []
+        return [
+            f"{device}: the adapter's latency timer is {latency_ms} ms, too slow for {self._options.rate_hz:g} Hz: "
+            "write 1 to its latency_timer in /sys/bus/usb-serial/devices"
+        ]
+
+    def _port_line(self, group: ServoGroup) -> str:
+        port = group.options
+        latency_ms = latency_timer_ms(port.device)
+        latency = "no latency timer" if latency_ms is None else f"latency timer {latency_ms} ms"
+        load = f"{self._options.rate_hz:g} Hz take {100 * port_load(self._options, port):.0f} % of the wire"
+        return f"{port.device} at {port.baud} baud, {len(group.servos)} servos, {load}, {latency}"
+
+    def _servo_lines(self, group: ServoGroup, found: Sequence[Found]) -> dict[str, str]:
+        laws = law_lines(group.translation, self._robot)
+        return {
+            servo.joint: f"{servo.model.name} id {servo.id}, firmware {seen.firmware}, {seen.voltage_v:.1f} V, "
+            f"{seen.temperature_c} C; {law}"
+            for servo, seen, law in zip(group.servos, found, laws)
+        }
+
+
+def law_lines(translation: Translation, robot: Robot) -> list[str]:
+    """Per servo: stiffness, damping and torque limit that the robot asks for, and those that the servo gives."""
+    kp, kd, limit = (values[translation.index] for values in (robot.kp, robot.kd, robot.torque_limit_nm))
+    given_kp, given_kd = translation.given(kp, kd)
+    rows = np.column_stack([kp, given_kp, kd, given_kd, limit, translation.limit_nm]).tolist()
+    return [
+        f"stiffness {a:g} asked, {b:.4g} given; damping {c:g} asked, {d:.3g} given; torque {e:g} asked, {f:.3g} given"
+        for a, b, c, d, e, f in rows
+    ]

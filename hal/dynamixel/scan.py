@@ -1,0 +1,110 @@
+"""Which Dynamixel servos answer on a port, at which baud rate; with the maker's own library."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+from hal.dynamixel import registers as r
+from hal.dynamixel.models import known_models
+from hal.dynamixel.port import latency_timer_ms
+from hal.types import DeviceError
+
+DONE, NO_DEVICE = 0, 4
+PROTOCOL = 2.0
+READ_TIMEOUT_S = 0.001
+TRIES = 20
+
+
+@dataclass(frozen=True)
+class Answered:
+    """One servo that answered a ping."""
+
+    baud: int
+    id: int
+    model: str
+    firmware: int
+
+
+def scan(device: str, bauds: Sequence[int]) -> list[Answered]:
+    """Ping everybody at each baud rate; about a second each. Raises DeviceError where the port cannot be used."""
+    names = {model.number: model.name for model in known_models().values()}
+    found = []
+    with _opened(device) as port:
+        for baud in bauds:
+            _set_baud(port, baud)
+            answers, _ = PacketHandler(PROTOCOL).broadcastPing(port)
+            for servo_id, (number, firmware) in sorted(answers.items()):
+                found.append(Answered(baud, servo_id, names.get(number, f"model number {number}"), firmware))
+    return found
+
+
+def torque_off(device: str, baud: int, ids: Sequence[int]) -> list[int]:
+    """Take the torque off. The ids that did not confirm it. Raises DeviceError where the port cannot be used."""
+    handler = PacketHandler(PROTOCOL)
+    with _opened(device) as port:
+        _set_baud(port, baud)
+        left = list(ids)
+        for _ in range(TRIES):
+            written = {i: handler.write1ByteTxRx(port, i, r.TORQUE_ENABLE.address, 0) for i in left}
+            left = [servo_id for servo_id, (result, _) in written.items() if result != COMM_SUCCESS]
+    return left
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command `hal/scan_dynamixel`. Returns the exit code."""
+    given = _parser().parse_args(arguments)
+    try:
+        found = scan(given.port, given.baud)
+        for servo in found:
+            print(f"{servo.baud:>8} baud  id {servo.id:>3}  {servo.model}, firmware {servo.firmware}")
+        if (latency_ms := latency_timer_ms(given.port)) is not None:
+            print(f"latency timer of {given.port}: {latency_ms} ms")
+        if not found:
+            print(f"error: nothing answers on {given.port}", file=sys.stderr)
+            return NO_DEVICE
+        failed = []
+        if given.torque_off:
+            for baud in sorted({servo.baud for servo in found}):
+                failed += torque_off(given.port, baud, [servo.id for servo in found if servo.baud == baud])
+            print("torque off" + (f", not confirmed by {failed}" if failed else ""))
+        return NO_DEVICE if failed else DONE
+    except DeviceError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return NO_DEVICE
+
+
+@contextmanager
+def _opened(device: str) -> Iterator[PortHandler]:
+    port = PortHandler(device)
+    try:
+        port.openPort()
+    except OSError as error:
+        raise DeviceError(f"cannot open {device}: {error}") from error
+    try:
+        yield port
+    finally:
+        port.closePort()
+
+
+def _set_baud(port: PortHandler, baud: int) -> None:
+    if not port.setBaudRate(baud):
+        raise DeviceError(f"{port.getPortName()}: dynamixel-sdk cannot set {baud} baud")
+    port.ser.timeout = READ_TIMEOUT_S  # the library polls its port; this lets it sleep meanwhile
+
+
+def _parser() -> argparse.ArgumentParser:
+    bauds = [baud for baud in r.BAUDS if baud != 4_500_000]
+    parser = argparse.ArgumentParser(
+        prog="hal/scan_dynamixel",
+        description="List the Dynamixel servos that answer on a serial port.",
+        epilog="Exit codes: 0 done, 2 usage, 4 nothing answers or the port cannot be used.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("port", metavar="DEVICE", help="such as /dev/ttyUSB0")
+    parser.add_argument("--baud", type=int, nargs="+", choices=bauds, default=[57600, *bauds[3:]], metavar="N")
+    parser.add_argument("--torque-off", action="store_true", help="let go of every servo found: support the robot")
+    return parser

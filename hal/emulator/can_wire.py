@@ -1,0 +1,197 @@
+"""The device's end of an emulated CAN bus, on each transport that a host can connect to."""
+
+import secrets
+import socket
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+
+from hal.can.endpoints import endpoint_arguments
+from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
+from hal.can.link import Link
+from hal.can.robot_file import BusEntry
+from hal.emulator.pty import Terminal
+from hal.emulator.socketcand import SocketcandServer
+
+GROUP = "239.74.163.2"
+LOOK_S = 0.01
+SLCAN_END = b"\r"
+SLCAN_HEADERS = {"t": (3, False), "T": (8, True)}
+
+
+class Wire(ABC):
+    """Frames from and to a host. For one thread."""
+
+    endpoint: str
+
+    @abstractmethod
+    def receive(self, wait_s: float) -> list[Frame]:
+        """What has been sent to the devices, waiting for it up to wait_s."""
+
+    @abstractmethod
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Give frames to the host."""
+
+    @abstractmethod
+    def unplug(self) -> None:
+        """The adapter goes away. May be repeated; `plug_in` brings it back."""
+
+    def plug_in(self) -> None:
+        """The adapter is there. May be repeated."""
+        return
+
+    @abstractmethod
+    def close(self) -> None:
+        """End. May be repeated."""
+
+
+def open_wire(bus: BusEntry) -> Wire:
+    """The bus's transport: as its line in the file says, else socketcand, or udp_multicast where it is FD."""
+    match bus.emulated_as or ("udp_multicast" if bus.fd else "socketcand"):
+        case "socketcand":
+            return SocketcandWire()
+        case "slcan":
+            return SlcanWire(bus)
+        case "virtual":
+            return LinkWire(bus, f"virtual://{bus.name}-{secrets.token_hex(4)}")
+        case _:
+            return LinkWire(bus, f"udp_multicast://{GROUP}:{_free_port()}")
+
+
+class SocketcandWire(Wire):
+    """TCP on loopback, between processes."""
+
+    def __init__(self) -> None:
+        self._server = SocketcandServer()
+        self.endpoint = self._server.endpoint
+        self._away = False
+
+    def receive(self, wait_s: float) -> list[Frame]:
+        """See Wire."""
+        frames = self._server.receive(wait_s)
+        if self._away:
+            self._server.hang_up()
+            return []
+        return frames
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """See Wire."""
+        self._server.send(frames)
+
+    def unplug(self) -> None:
+        """See Wire."""
+        self._away = True
+        self._server.hang_up()
+
+    def plug_in(self) -> None:
+        """See Wire."""
+        self._away = False
+
+    def close(self) -> None:
+        """See Wire."""
+        self._server.close()
+
+
+class LinkWire(Wire):
+    """python-can's own transports without hardware: they cannot be unplugged, only go silent."""
+
+    def __init__(self, bus: BusEntry, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self._link = Link(bus.name, endpoint_arguments(endpoint, bitrate=bus.bitrate, fd=bus.fd))
+        self._link.open()
+        self._away = False
+
+    def receive(self, wait_s: float) -> list[Frame]:
+        """See Wire."""
+        frames = []
+        until_s = time.monotonic() + wait_s
+        while (frame := self._link.receive(until_s)) is not None:
+            frames.append(frame)
+            until_s = 0.0
+        return [] if self._away else frames
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """See Wire."""
+        if not self._away:
+            for frame in frames:
+                self._link.send(frame)
+
+    def unplug(self) -> None:
+        """See Wire."""
+        self._away = True
+
+    def plug_in(self) -> None:
+        """See Wire."""
+        self._away = False
+
+    def close(self) -> None:
+        """See Wire."""
+        self._link.close()
+
+
+class SlcanWire(Wire):
+    """A serial adapter with the LAWICEL commands, on a pseudo-terminal. Classic CAN only."""
+
+    def __init__(self, bus: BusEntry) -> None:
+        self._terminal = Terminal(bus.name)
+        self.endpoint = f"slcan://{self._terminal.path}"
+        self._rest = b""
+        self._open = False
+
+    def receive(self, wait_s: float) -> list[Frame]:
+        """See Wire."""
+        if not self._terminal.plugged_in:
+            time.sleep(min(wait_s, LOOK_S))
+            return []
+        lines = (self._rest + self._terminal.read(wait_s)).split(SLCAN_END)
+        self._rest = lines.pop()
+        return [frame for line in lines if (frame := self._obey(line)) is not None]
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """See Wire."""
+        if self._open and self._terminal.plugged_in:
+            self._terminal.write(b"".join(slcan_line(frame) for frame in frames))
+
+    def unplug(self) -> None:
+        """See Wire."""
+        self._open = False
+        self._terminal.unplug()
+
+    def plug_in(self) -> None:
+        """See Wire."""
+        self._terminal.plug_in()
+
+    def close(self) -> None:
+        """See Wire."""
+        self._terminal.close()
+
+    def _obey(self, line: bytes) -> Frame | None:
+        text = line.decode("ascii", "replace")
+        if text[:1] in SLCAN_HEADERS:
+            return parse_slcan(text) if self._open else None
+        if text[:1] in ("O", "C"):
+            self._open = text[:1] == "O"
+        return None
+
+
+def slcan_line(frame: Frame) -> bytes:
+    """A frame as a serial adapter says it."""
+    head = f"T{frame.arbitration_id:08X}" if frame.extended else f"t{frame.arbitration_id:03X}"
+    return f"{head}{len(frame.data):X}{frame.data.hex().upper()}".encode() + SLCAN_END
+
+
+def parse_slcan(text: str) -> Frame | None:
+    """The frame of a line that begins with t or T; None where it is none."""
+    digits, extended = SLCAN_HEADERS[text[0]]
+    try:
+        number, count = int(text[1 : 1 + digits], 16), int(text[1 + digits], 16)
+        data = bytes.fromhex(text[2 + digits :])
+    except (ValueError, IndexError):
+        return None
+    return Frame(number, data, extended) if count == len(data) <= CLASSIC_LENGTH_MAX else None
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,141 @@
+"""The emulator's own control socket: JSON lines on loopback, never on the emulated wire."""
+
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, Self
+
+from hal.types import DeviceError
+from robot.errors import InputError
+
+HOST = "127.0.0.1"
+BACKLOG = 8
+TIMEOUT_S = 5.0
+LONGEST_LINE = 1 << 20
+Handler = Callable[[Mapping[str, Any]], dict[str, Any]]
+
+
+class ControlServer:
+    """Answers each line, a JSON object with `do`, by one line: `{"ok": true, ...}` or `{"ok": false, "error": ...}`."""
+
+    def __init__(self, handle: Handler) -> None:
+        self._handle = handle
+        self._socket = socket.create_server((HOST, 0), backlog=BACKLOG)
+        self._thread = threading.Thread(target=self._accept, name="control", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """`host:port`."""
+        host, port = self._socket.getsockname()[:2]
+        return f"{host}:{port}"
+
+    def start(self) -> None:
+        """Begin to answer."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more connections. May be repeated."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._serve, args=(connection,), name="control client", daemon=True).start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        with connection, connection.makefile("rwb") as stream, contextlib.suppress(OSError):
+            while line := stream.readline(LONGEST_LINE):
+                stream.write(json.dumps(self._answer(line)).encode() + b"\n")
+                stream.flush()
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            if not isinstance(request, dict) or not isinstance(request.get("do"), str):
+                raise InputError("not a request", got=line[:80], expected='a JSON object with "do"')
+            return {"ok": True, **self._handle(request)}
+        except (ValueError, TypeError, KeyError) as error:
+            return {"ok": False, "error": f"{error}"}
+
+
+class ControlClient:
+    """The other end. Every method raises DeviceError where the emulator is gone, InputError where it refuses."""
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.rpartition(":")
+        self.address = address
+        self._lock = threading.Lock()
+        try:
+            self._socket = socket.create_connection((host, int(port)), timeout=TIMEOUT_S)
+        except OSError as error:
+            raise DeviceError(f"emulator at {address}: {error}") from error
+        self._stream = self._socket.makefile("rwb")
+
+    def release_band(self) -> None:
+        """Let the robot go, gently."""
+        self.ask("release_band")
+
+    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
+        """Hang the robot up anew, its devices as after switching on; faults stay."""
+        self.ask("reset", start_noise_rad=start_noise_rad, seed=seed)
+
+    def fault(self, kind: str, key: str = "*", *, value: float | None = None, duration_s: float | None = None) -> None:
+        """Begin a fault now; without a duration it lasts until it is cleared."""
+        self.ask("fault", kind=kind, key=key, value=value, duration_s=duration_s)
+
+    def clear_fault(self, kind: str | None = None, key: str | None = None) -> int:
+        """End the faults of a kind and a key (None: all). How many there were."""
+        return int(self.ask("clear_fault", kind=kind, key=key)["cleared"])
+
+    def status(self) -> dict[str, Any]:
+        """See EmulatedRobot.status; besides: `faults`, `device`, `kind`."""
+        return self.ask("status")
+
+    def band_attached(self) -> bool:
+        """Whether the band pulls."""
+        return bool(self.ask("band")["attached"])
+
+    def device(self, **content: Any) -> dict[str, Any]:
+        """Something only this kind of device knows."""
+        return self.ask("device", **content)
+
+    def quit(self) -> None:
+        """End the emulator."""
+        self.ask("quit")
+
+    def ask(self, do: str, **content: Any) -> dict[str, Any]:
+        """One request and its answer."""
+        with self._lock:
+            try:
+                self._stream.write(json.dumps({"do": do, **content}).encode() + b"\n")
+                self._stream.flush()
+                line = self._stream.readline(LONGEST_LINE)
+            except (OSError, ValueError) as error:
+                raise DeviceError(f"emulator at {self.address}: {error}") from error
+        if not line:
+            raise DeviceError(f"emulator at {self.address}: it has ended")
+        answer: dict[str, Any] = json.loads(line)
+        if not answer.pop("ok"):
+            raise InputError(str(answer["error"]), where="emulator")
+        return answer
+
+    def close(self) -> None:
+        """Hang up. May be repeated."""
+        with contextlib.suppress(OSError):
+            self._stream.close()
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Hang up."""
+        self.close()

@@ -1,0 +1,267 @@
+"""The device side of a G1 over DDS: strict about what it is told, and as fast as the robot."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from hal.dds.driver import COMMAND_TOPIC
+from hal.dds.layout import CMD, STATE
+from hal.dds.link import LOOPBACK, Link
+from hal.dds.options import DdsOptions
+from hal.dds.remote import BUTTONS, Remote, encode_remote
+from hal.dds.slots import SLOTS, SlotMap
+from hal.dds.state_reader import STATE_TOPIC
+from hal.dds.types import LowCmd_, LowState_
+from hal.emulator.dds_domain import FreeDomain
+from hal.emulator.dds_motors import HeldMotors, MotorHealth
+from hal.emulator.dds_service import MODES, MotionServer
+from hal.emulator.device import DeviceSide, Worker
+from hal.emulator.faults import DelayLine, FaultKind, Faults
+from hal.emulator.robot import EmulatedRobot
+from hal.options import config_file, load_options
+from robot.errors import InputError
+from robot.rotations import quat_from_axis_angle, quat_mul
+
+WIRE = "lowstate"
+WRONG_MACHINE = 4
+VERSION = (1, 0)
+MOTOR_VOLTS = 48.0
+IMU_CELSIUS = 40
+FORWARD = np.array([0.0, 1.0, 0.0])
+Sent = tuple[bytes, np.ndarray]
+
+
+class DdsDevice(DeviceSide):
+    """Publishes LowState, obeys LowCmd, serves the motion service; on loopback, in a domain that nobody uses.
+
+    A LowCmd is obeyed only if its checksum is right, its mode_machine is the robot's, its mode_pr is 0 and the motion
+    service has let go; anything else is counted and dropped. A motor in mode 0 gives no torque. What was obeyed last
+    stays in force for ever: the robot's own time-out is not documented, and this is the hardest case.
+    """
+
+    default_config = "dds"
+    fault_kinds: ClassVar[Mapping[str, FaultKind]] = {
+        "second_controller": FaultKind("somebody else sends LowCmd as well"),
+        "tick_stands": FaultKind("LowState is repeated with the same tick"),
+        "parallel_mode": FaultKind("reports mode_pr 1"),
+        "imu_units": FaultKind("the accelerometer's scale; value: factor", 1.0 / 9.81),
+        "imu_tilt": FaultKind("the orientation leans forward; value: rad", 0.3),
+    }
+
+    def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
+        options = load_options(DdsOptions, config_file("hal", config))
+        self._robot, self._faults, self._options = robot, faults, options.emulator
+        if options.emulator.motion_service not in ("", *MODES):
+            expected = f"one of {', '.join(MODES)}, or empty"
+            raise InputError("motion_service", where=config, got=options.emulator.motion_service, expected=expected)
+        self._slots = SlotMap(robot.robot, options.held)
+        self._held = HeldMotors(options.held)
+        self._health = MotorHealth(faults, robot.joint_names)
+        self._state = STATE.empty()
+        self._counts: Counter[str] = Counter()
+        self._line: DelayLine[Sent] = DelayLine()
+        self._remote = Remote((), 0.0, 0.0, 0.0, 0.0)
+        self._booted_s = time.monotonic()
+        self._had_power = True
+        self._domain: FreeDomain | None = None
+
+    @property
+    def endpoints(self) -> Mapping[str, str]:
+        """See DeviceSide."""
+        return {} if self._domain is None else {"interface": LOOPBACK, "domain": str(self._domain.number)}
+
+    @property
+    def fault_keys(self) -> tuple[str, ...]:
+        """See DeviceSide. `lowstate` is the wire as a whole."""
+        return (*self._robot.joint_names, "imu", WIRE)
+
+    def start(self) -> None:
+        """See DeviceSide."""
+        self._domain = FreeDomain()
+        self._link = Link(self._domain.number, LOOPBACK)
+        self._publisher = self._link.writer(STATE_TOPIC, LowState_)
+        self._second = self._link.writer(COMMAND_TOPIC, LowCmd_)
+        self._service = MotionServer(self._link, self._options.motion_service)
+        self._inbox = self._link.inbox(self._link.reader(COMMAND_TOPIC, LowCmd_), self._hear, "lowcmd")
+        self._worker = Worker("lowstate", self._round, 1.0 / self._options.state_hz)
+        self._worker.start()
+
+    def stop(self) -> None:
+        """See DeviceSide."""
+        if self._domain is None:
+            return
+        self._worker.stop()
+        self._inbox.stop()
+        self._service.stop()
+        self._domain.release()
+        self._domain = None
+
+    @property
+    def failure(self) -> Exception | None:
+        """See DeviceSide."""
+        if self._domain is None:
+            return None
+        return self._worker.failure or self._inbox.failure or self._service.failure
+
+    def reset(self) -> None:
+        """See DeviceSide."""
+        self._boot()
+        self._counts.clear()
+
+    def status(self) -> dict[str, Any]:
+        """See DeviceSide. Counters: LowCmds obeyed, and refused by reason; LowStates sent, skipped and lost."""
+        return {
+            "counts": dict(self._counts),
+            "skipped": self._worker.skipped,
+            "motion_service": self._service.mode,
+            "held_rad": dict(zip(self._held.names, self._held.pos_rad.tolist())),
+            "held_violations": list(self._held.violations),
+        }
+
+    def request(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        """`buttons`: those pressed on the remote from now on. `motion_service`: have it drive in a mode again."""
+        match dict(content):
+            case {"buttons": list(buttons)} if set(buttons) <= set(BUTTONS):
+                self._remote = Remote(tuple(buttons), 0.0, 0.0, 0.0, 0.0)
+            case {"motion_service": str(mode)} if mode in MODES:
+                self._service.select(mode)
+            case _:
+                expected = f"buttons: some of {', '.join(BUTTONS)}; or motion_service: one of {', '.join(MODES)}"
+                raise InputError("unknown request", where="emulator", got=dict(content), expected=expected)
+        return {}
+
+    @property
+    def _machine(self) -> int:
+        return WRONG_MACHINE if self._faults.fate(WIRE).wrong_id else self._options.mode_machine
+
+    def _hear(self, sample: Any, now_s: float) -> None:
+        if not self._faults.hears(WIRE):
+            return
+        message = CMD.from_body(sample.body)
+        refused = self._refusal(message)
+        self._counts[refused or "obeyed"] += 1
+        if refused is None and message is not None:
+            self._obey(message["motor_cmd"][:SLOTS], now_s)
+
+    def _refusal(self, message: np.ndarray | None) -> str | None:
+        if message is None:
+            return "malformed"
+        if not CMD.intact(message):
+            return "bad checksum"
+        if int(message["mode_machine"]) != self._machine:
+            return "wrong mode_machine"
+        if int(message["mode_pr"]) != 0:
+            return "wrong mode_pr"
+        return "motion service active" if self._service.mode else None
+
+    def _obey(self, motors: np.ndarray, now_s: float) -> None:
+        modes = motors["mode"][self._slots.robot].tolist()
+        columns = [motors[name][self._slots.robot].tolist() for name in ("q", "dq", "kp", "kd", "tau")]
+        for joint, (mode, values) in enumerate(zip(modes, zip(*columns))):
+            name = self._robot.joint_names[joint]
+            self._health.told(joint, mode)
+            if not self._faults.hears(name):
+                continue
+            if mode and self._health.drives(joint):
+                self._robot.command(joint, *values)
+            else:
+                self._robot.slack(joint)
+        self._held.obey(motors[self._slots.held], now_s)
+
+    def _round(self, now_s: float) -> None:
+        """Send one LowState, and what was delayed until now."""
+        self._judge_power()
+        fate = self._faults.fate(WIRE)
+        if fate.lost:
+            self._counts["lowstate lost"] += 1
+        else:
+            body, seen = self._measured(now_s)
+            self._line.put(now_s + fate.delay_s, (self._spoilt(body) if fate.corrupted else body, seen))
+        for body, seen in self._line.arrived(now_s):
+            self._publisher.write(LowState_(body))
+            self._counts["lowstate sent"] += 1
+            for joint, (pos_rad, vel_rad_s) in enumerate(seen.T.tolist()):
+                self._robot.report(joint, pos_rad, vel_rad_s)
+        if self._faults.active("second_controller", WIRE):
+            self._command_as_another()
+
+    def _spoilt(self, body: bytes) -> bytes:
+        """The body with bits flipped, not only in its padding."""
+        while True:
+            spoilt = self._faults.corrupted(body)
+            message = STATE.from_body(spoilt)
+            if message is None or not STATE.intact(message):
+                return spoilt
+
+    def _judge_power(self) -> None:
+        """A robot that comes back to power starts anew; a motor that does stays disabled."""
+        has_power = self._faults.powered(WIRE)
+        if has_power and not self._had_power:
+            self._boot()
+        self._had_power = has_power
+        for joint in self._health.unpowered():
+            self._robot.slack(joint)
+
+    def _boot(self) -> None:
+        self._booted_s, self._line = time.monotonic(), DelayLine()
+        self._service.select(self._options.motion_service)
+        self._health.reset()
+        self._held.slack()
+        for joint in range(len(self._robot.joint_names)):
+            self._robot.slack(joint)
+
+    def _measured(self, now_s: float) -> tuple[bytes, np.ndarray]:
+        """A LowState's body, and (2, J) positions and velocities in it."""
+        seen, state = self._robot.measure(), self._state
+        places, motors = self._slots.robot, state["motor_state"]
+        self._held.advance(now_s)
+        pos_rad = seen.joint_pos_rad + self._health.offsets_rad()
+        alive = np.flatnonzero(~self._health.silent())
+        motors["mode"][:SLOTS] = 1
+        motors["vol"][:SLOTS] = MOTOR_VOLTS
+        motors["q"][places[alive]], motors["dq"][places[alive]] = pos_rad[alive], seen.joint_vel_rad_s[alive]
+        motors["tau_est"][places[alive]] = seen.joint_torque_nm[alive]
+        motors["temperature"][:SLOTS] = self._health.NOMINAL_CELSIUS
+        motors["temperature"][places] = self._health.temperatures_c()[:, None]
+        motors["motorstate"][places] = self._health.motorstate()
+        held = self._slots.held
+        motors["q"][held], motors["dq"][held] = self._held.pos_rad, self._held.vel_rad_s
+        self._fill_imu(seen.imu_quat_wxyz, seen.imu_ang_vel_b, seen.imu_acc_b)
+        state["version"], state["mode_machine"] = VERSION, self._machine
+        state["mode_pr"] = int(self._faults.active("parallel_mode", WIRE) is not None)
+        state["wireless_remote"] = np.frombuffer(encode_remote(self._remote), dtype=np.uint8)
+        if not self._faults.active("tick_stands", WIRE):
+            state["tick"] = 1 + max(0, int(1e3 * (now_s - self._booted_s)))
+        STATE.seal(state)
+        return STATE.to_body(state), np.stack([motors["q"][places], motors["dq"][places]]).astype(float)
+
+    def _fill_imu(self, quat_wxyz: np.ndarray, ang_vel_b: np.ndarray, acc_b: np.ndarray) -> None:
+        if not self._faults.hears("imu") or self._faults.fate("imu").lost:
+            return
+        if (lean_rad := self._faults.value("imu_tilt", "imu")) is not None:
+            quat_wxyz = quat_mul(quat_wxyz, quat_from_axis_angle(FORWARD, np.array(lean_rad)))
+        scale = self._faults.value("imu_units", "imu")
+        imu = self._state["imu_state"]
+        imu["quaternion"], imu["gyroscope"] = quat_wxyz, ang_vel_b
+        imu["accelerometer"] = acc_b if scale is None else acc_b * scale
+        imu["rpy"], imu["temperature"] = _roll_pitch_yaw(quat_wxyz), IMU_CELSIUS
+
+    def _command_as_another(self) -> None:
+        message = CMD.empty()
+        message["mode_machine"] = self._machine
+        message["motor_cmd"]["mode"][:SLOTS] = 1
+        message["motor_cmd"]["kd"][:SLOTS] = 8.0
+        CMD.seal(message)
+        self._second.write(LowCmd_(CMD.to_body(message)))
+
+
+def _roll_pitch_yaw(quat_wxyz: np.ndarray) -> tuple[float, float, float]:
+    """ZYX angles of a unit quaternion, rad."""
+    w, x, y, z = quat_wxyz.tolist()
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return float(roll), float(pitch), float(yaw)

@@ -1,0 +1,144 @@
+"""Starting an emulator as a process of its own, and ending it."""
+
+import contextlib
+import json
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from hal.emulator.control import ControlClient
+from hal.types import DeviceError
+from robot.errors import InputError
+
+BAD_INPUT = 2
+START_LIMIT_S = 30.0
+TERMINATE_S = 1.5
+COMMAND = Path(__file__).resolve().parents[1] / "emulate"
+
+
+class Emulator:
+    """A running emulator process. Use as a context manager: leaving ends it, within 2 s."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]", ready: Mapping[str, Any], errors: IO[bytes]) -> None:
+        self._process, self._errors = process, errors
+        self.kind = str(ready["emulator"])
+        self.endpoints: dict[str, str] = dict(ready["endpoints"])
+        self.control = ControlClient(str(ready["control"]))
+
+    @property
+    def pid(self) -> int:
+        """Of the emulator's process."""
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether the process still lives."""
+        return self._process.poll() is None
+
+    @property
+    def failure(self) -> str | None:
+        """What it said when it ended by itself; None while it runs."""
+        return None if self.running else _last_words(self._errors) or f"exit code {self._process.returncode}"
+
+    def stop(self) -> None:
+        """End it. May be repeated."""
+        self.control.close()
+        _end(self._process)
+        self._errors.close()
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it."""
+        self.stop()
+
+
+def launch_emulator(
+    kind: str,
+    config: str | Path | None = None,
+    *,
+    robot: str = "g1_23dof",
+    faults: Sequence[str] = (),
+    start_noise_rad: float = 0.0,
+    seed: int = 0,
+) -> Emulator:
+    """Start an emulator and wait until it can be connected to.
+
+    kind: dds, can, dynamixel or imu. faults: as for `hal/emulate --fault`. The process ignores the terminal's signals
+    and ends a few seconds after this one, whatever happens to it. Raises InputError where it refuses its options,
+    DeviceError where it cannot start.
+    """
+    command = [sys.executable, "-P", str(COMMAND), kind, "--lifeline", "--robot", robot]
+    command += ["--seed", str(seed), "--start-noise", repr(start_noise_rad)]
+    command += [] if config is None else ["--config", str(config)]
+    return start_emulator([*command, *(f"--fault={fault}" for fault in faults)])
+
+
+def start_emulator(command: Sequence[str]) -> Emulator:
+    """Start a command that behaves as `hal/emulate --lifeline`. Raises as `launch_emulator`."""
+    errors = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
+    )
+    try:
+        ready = _first_line(process)
+        if ready is None:
+            raise _refusal(process, errors)
+        return Emulator(process, ready, errors)
+    except BaseException:
+        _end(process)
+        errors.close()
+        raise
+
+
+def _first_line(process: "subprocess.Popen[bytes]") -> dict[str, Any] | None:
+    """What the emulator says when it is ready; None where it ended or took too long."""
+    lines: queue.Queue[bytes] = queue.Queue()
+    output = process.stdout
+    assert output is not None
+    threading.Thread(target=lambda: lines.put(output.readline()), daemon=True).start()
+    try:
+        line = lines.get(timeout=START_LIMIT_S)
+    except queue.Empty:
+        return None
+    return json.loads(line) if line else None
+
+
+def _refusal(process: "subprocess.Popen[bytes]", errors: IO[bytes]) -> Exception:
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(TERMINATE_S)
+    _end(process)
+    reason = _last_words(errors) or f"no answer within {START_LIMIT_S:g} s"
+    if process.returncode == BAD_INPUT:
+        return InputError(reason, where="emulator")
+    return DeviceError(f"emulator did not start: {reason}")
+
+
+def _last_words(errors: IO[bytes]) -> str:
+    errors.seek(0)
+    lines = errors.read().decode(errors="replace").strip().splitlines()
+    return lines[-1].removeprefix("error: ") if lines else ""
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()
+    if process.poll() is None:
+        process.terminate()
+    try:
+        process.wait(TERMINATE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,277 @@
+"""One simulated robot in real time, moved by what its emulated devices are told."""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hal.band import NEVER, Band
+from hal.conditions import draw_conditions
+from hal.emulator.checks import CommandChecks
+from hal.emulator.fair_lock import FairLock
+from hal.emulator.faults import Faults
+from hal.hanging import hang_in_band
+from hal.plant import Measurement, Plant
+from hal.plant_model import build_plant_model
+from hal.sim_options import SimOptions, load_sim_options
+from hal.types import JointCommand, TrueState
+from robot.robot import Robot
+
+WAKE_PERIOD_S = 0.002
+LATE_S = 0.01
+STEP_TOLERANCE = 1e-6
+SLACK, DAMPED, DRIVEN = "slack", "damped", "driven"
+
+
+class _Order(NamedTuple):
+    """A motor's new command, from a step on. values: q, dq, kp, kd, tau, limit."""
+
+    step: int
+    time_s: float
+    joint: int
+    values: tuple[float, float, float, float, float, float]
+
+
+class Joints(NamedTuple):
+    """Plain numbers in joint order: rad, rad/s, Nm."""
+
+    pos_rad: list[float]
+    vel_rad_s: list[float]
+    torque_nm: list[float]
+
+
+class EmulatedRobot:
+    """Physics that follows the machine's monotonic clock, shared by the devices of one emulator. Thread-safe.
+
+    The motors' law is torque = clip(kp (q* - q) + kd (dq* - dq) + tau, limit), evaluated at every physics step with
+    the newest command that had arrived when the step began, in joint coordinates: the same plant and the same law as
+    in the simulated backend. Nothing is skipped: whoever asks first brings the physics to now, and a thread of its own
+    does so every 2 ms. The robot begins slack, hanging in its band, feet on the ground; motors without a command give
+    no torque. Delays and noise of `sim` are not applied here (faults are). start_noise_rad: std of a normal added to
+    each joint position at the start. now: the clock, seconds.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        faults: Faults | None = None,
+        sim: SimOptions | None = None,
+        *,
+        start_noise_rad: float = 0.0,
+        seed: int = 0,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        options = load_sim_options() if sim is None else sim
+        self.robot, self.faults = robot, Faults() if faults is None else faults
+        self.timestep_s = options.timestep_s
+        self.failure: Exception | None = None
+        self._now = now
+        self._plant = Plant(robot, build_plant_model(robot, options, band=True))
+        self._conditions = draw_conditions(options, robot, np.random.default_rng(seed))
+        self._plant.vary(self._conditions)
+        self._band = Band(self._plant.model, self._plant.data, options.band)
+        self.checks = CommandChecks(robot.joint_names, robot.torque_limit_nm)
+        self._stuck = np.zeros(robot.num_joints, dtype=bool)
+        self._lock = FairLock()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.reset(start_noise_rad=start_noise_rad, seed=seed)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """In the order of every (J,) array."""
+        return self.robot.joint_names
+
+    def start(self) -> None:
+        """Let time run. The clock starts now."""
+        with self._lock:
+            self._start_s += self._now() - self._time_s(self._step)
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop time. May be repeated."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
+        """Hang it up anew, slack and at rest; violations and lateness are forgotten."""
+        robot, joints = self.robot, self.robot.num_joints
+        noise = np.random.default_rng(seed).normal(0.0, start_noise_rad, joints)
+        with self._lock:
+            hang_in_band(self._plant, self._band, robot.default_pos_rad + noise)
+            self._start_s, self._step = self._now(), 0
+            self._orders: deque[_Order] = deque()
+            self._table = np.zeros((6, joints))
+            self._table[5] = robot.torque_limit_nm
+            self._plant.cap(robot.torque_limit_nm)
+            self._told_s = np.full(joints, -np.inf)
+            self._modes = np.zeros(joints, dtype=int)  # index into SLACK, DAMPED, DRIVEN
+            self._since_s = np.full(joints, self._start_s)
+            self._seen: tuple[int, Measurement] | None = None
+            self._seen_joints: tuple[int, Joints] | None = None
+            self._late_steps, self._worst_late_s = 0, 0.0
+            self.checks.reset()
+
+    def command(
+        self,
+        joint: int,
+        q_rad: float,
+        dq_rad_s: float,
+        kp: float,
+        kd: float,
+        tau_nm: float,
+        limit_nm: float = math.inf,
+    ) -> None:
+        """A motor has been told something, in joint coordinates. limit_nm: below the joint's own limit, if any.
+
+        A command that is not finite, or whose gains lie outside `checks.kp_max` and `kd_max`, is counted as a
+        violation and not obeyed; one that asks for too much torque is counted and obeyed, clipped.
+        """
+        now_s = self._now()
+        values = (float(q_rad), float(dq_rad_s), float(kp), float(kd), float(tau_nm), float(limit_nm))
+        with self._lock:
+            if not math.isfinite(sum(values[:5])) or math.isnan(limit_nm):
+                self.checks.add(now_s, "not_finite", joint, str(values))
+            elif self.checks.judge_gains(now_s, joint, values[2], values[3]):
+                self._orders.append(_Order(self._step_at(now_s), now_s, joint, values))
+
+    def slack(self, joint: int) -> None:
+        """A motor gives no torque from now on."""
+        self.command(joint, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def measure(self) -> Measurement:
+        """What ideal sensors read now, to the millisecond; `time_s` is monotonic. Not to be written to."""
+        with self._lock:
+            self._advance(self._now())
+            if self._seen is None or self._seen[0] != self._step:
+                self._seen = (self._step, self._plant.measure(self._time_s(self._step)))
+            return self._seen[1]
+
+    def joints(self) -> Joints:
+        """Position, speed and torque of every joint now, as `measure` gives them: the part that a servo knows."""
+        with self._lock:
+            self._advance(self._now())
+            if self._seen_joints is None or self._seen_joints[0] != self._step:
+                self._seen_joints = (self._step, Joints(*(values.tolist() for values in self._plant.joints())))
+            return self._seen_joints[1]
+
+    def report(self, joint: int, pos_rad: float, vel_rad_s: float) -> None:
+        """A device has put this state on the wire, in joint coordinates: what later commands are judged by."""
+        with self._lock:
+            self.checks.report(joint, self._now(), pos_rad, vel_rad_s)
+
+    def truth(self) -> TrueState:
+        """The state itself, now."""
+        with self._lock:
+            self._advance(self._now())
+            return self._plant.truth()
+
+    @property
+    def band_attached(self) -> bool:
+        """Whether the band pulls, the ramp after a release included."""
+        with self._lock:
+            self._advance(self._now())
+            return self._band.attached
+
+    def release_band(self) -> None:
+        """Let go gently."""
+        with self._lock:
+            self._advance(self._now())
+            self._band.release(self._step)
+
+    def status(self) -> dict[str, Any]:
+        """Plain data: truth, band, lateness, violations, and what each motor was told last. Times: monotonic clock."""
+        with self._lock:
+            truth = self.truth()
+            names, modes = self.joint_names, (SLACK, DAMPED, DRIVEN)
+            return {
+                "time_s": self._time_s(self._step),
+                "band_attached": self._band.attached,
+                "root_pos_w": truth.root_pos_w.tolist(),
+                "root_quat_wxyz": truth.root_quat_wxyz.tolist(),
+                "root_lin_vel_w": truth.root_lin_vel_w.tolist(),
+                "root_ang_vel_b": truth.root_ang_vel_b.tolist(),
+                "joint_pos_rad": dict(zip(names, truth.joint_pos_rad.tolist())),
+                "joint_vel_rad_s": dict(zip(names, truth.joint_vel_rad_s.tolist())),
+                "mode": {name: modes[mode] for name, mode in zip(names, self._modes.tolist())},
+                "mode_since_s": dict(zip(names, self._since_s.tolist())),
+                "told_s": {name: None if t < 0 else t for name, t in zip(names, self._told_s.tolist())},
+                "late": {"wakes_over_10_ms": self._late_steps, "worst_ms": self._worst_late_s * 1e3},
+                "violations": self.checks.summary(),
+            }
+
+    def _run(self) -> None:
+        tick, start_s = 0, time.monotonic()
+        try:
+            while not self._stop.is_set():
+                with self._lock:
+                    now_s = self._now()
+                    self._note_lateness(now_s - self._time_s(self._step))
+                    self._advance(now_s)
+                tick = max(tick + 1, int((time.monotonic() - start_s) / WAKE_PERIOD_S))
+                time.sleep(max(0.0, start_s + tick * WAKE_PERIOD_S - time.monotonic()))
+        except Exception as error:
+            self.failure = error
+            raise
+
+    def _note_lateness(self, late_s: float) -> None:
+        self._worst_late_s = max(self._worst_late_s, late_s)
+        self._late_steps += late_s > LATE_S
+
+    def _advance(self, now_s: float) -> None:
+        if self._thread is None:
+            return
+        self._jam(self.faults.struck("stuck_joint", self.joint_names))
+        target = self._step_at(now_s)
+        while self._step < target:
+            self._obey()
+            if self._band.at <= self._step:
+                self._band.act(self._step)
+            until = min(target, self._band.at, self._orders[0].step if self._orders else NEVER)
+            self._plant.step(until - self._step)
+            self._step = until
+        if not np.isfinite(self._plant.data.qacc).all():
+            raise FloatingPointError(f"physics diverged at {self._time_s(self._step):.3f} s")
+
+    def _obey(self) -> None:
+        """Put the commands that have arrived in force."""
+        changed: list[int] = []
+        while self._orders and self._orders[0].step <= self._step:
+            order = self._orders.popleft()
+            self._told_s[order.joint] = time_s = order.time_s
+            self._set_mode(order)
+            if order.values != tuple(self._table[:, order.joint].tolist()):
+                self._table[:, order.joint] = order.values
+                changed.append(order.joint)
+        if not changed:
+            return
+        q_rad, dq_rad_s, kp, kd, tau_nm, limit_nm = self._table
+        self.checks.judge_torque(time_s, np.array(changed), self._table[:5])
+        self._plant.cap(np.minimum(limit_nm, self.robot.torque_limit_nm))
+        command = JointCommand(q_rad, dq_rad_s, kp, kd, tau_nm)
+        self._plant.drive(command, self._conditions.kp_scale, self._conditions.kd_scale)
+
+    def _set_mode(self, order: _Order) -> None:
+        _, dq_rad_s, kp, kd, tau_nm, _ = order.values
+        mode = 2 if kp or tau_nm or (kd and dq_rad_s) else int(kd > 0)
+        if mode != self._modes[order.joint]:
+            self._modes[order.joint], self._since_s[order.joint] = mode, order.time_s
+
+    def _jam(self, stuck: np.ndarray) -> None:
+        if not np.array_equal(stuck, self._stuck):
+            self._plant.jam(stuck)
+            self._stuck = stuck
+
+    def _time_s(self, step: int) -> float:
+        return self._start_s + step * self.timestep_s
+
+    def _step_at(self, time_s: float) -> int:
+        return max(self._step, int((time_s - self._start_s) / self.timestep_s + STEP_TOLERANCE))

@@ -1,0 +1,250 @@
+"""The loop's side of every wire: shared memory to the process that owns it, and the same interface as any backend."""
+
+import math
+import pickle
+import socket
+import subprocess
+import sys
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from hal.backend import ClosesByDamping
+from hal.clock import Clock
+from hal.dead_man import DeadMan
+from hal.types import (
+    DeviceError,
+    DeviceFault,
+    DeviceInfo,
+    JointCommand,
+    LinkLost,
+    NoState,
+    RobotState,
+    damping_command,
+)
+from hal.wire.boards import Snapshot, StateBoard, is_complete
+from hal.wire.driver import DriverFactory
+from hal.wire.outbox import CommandBoard, Kind
+from hal.wire.process import WireSetup
+from hal.wire.ring import SharedMemory
+from robot.errors import InputError
+from robot.robot import Robot
+
+LINK_TIMEOUT_S = 0.1
+OPEN_LIMIT_S = 60.0
+END_LIMIT_S = 10.0
+REPORT_LIMIT_S = 2.0
+MAIN = "import sys; from hal.wire.process import main; sys.exit(main(sys.argv[1:]))"
+ERRORS = {error.__name__: error for error in (DeviceError, DeviceFault, LinkLost, NoState)}
+
+
+class WireBackend(ClosesByDamping):
+    """Devices on wires, driven from a process of their own.
+
+    link_timeout_s: when every joint and the IMU have been silent for longer, the link counts as lost. The clock must
+    be the machine's monotonic one, which both processes share. Damping frame: the driver's, for kp = 0 and the
+    robot's damping kd. Before the first `write` or `damp` nothing is sent that drives a joint; a backend that was
+    only read from ends without damping.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        robot: Robot,
+        clock: Clock,
+        factory: DriverFactory,
+        *,
+        control_period_s: float = 0.02,
+        link_timeout_s: float = LINK_TIMEOUT_S,
+    ) -> None:
+        super().__init__(clock, control_period_s)
+        if not 0 < link_timeout_s < math.inf:
+            raise InputError("link_timeout_s", where=name, got=link_timeout_s, expected="seconds above 0")
+        self.name, self.robot = name, robot
+        self._setup = WireSetup(name, robot, factory, control_period_s)
+        self._link_timeout_s = link_timeout_s
+        self._damping = damping_command(robot.damping_kd)
+        self._dead_man = DeadMan(control_period_s)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._commanded = False
+
+    @property
+    def process_id(self) -> int | None:
+        """The wire process, while it is known to run."""
+        return None if self._process is None or self._process.poll() is not None else self._process.pid
+
+    def open(self) -> DeviceInfo:
+        """See Backend. Starts the wire process, which finds and checks the devices."""
+        setup = pickle.dumps(self._setup)
+        joints = self.robot.num_joints
+        memory = SharedMemory.create(CommandBoard.size(joints) + StateBoard.size(joints))
+        commands = CommandBoard.size(joints)
+        self._board = CommandBoard(memory.buffer[:commands], joints)
+        self._state = StateBoard(memory.buffer[commands:], joints)
+        self._texts: tuple[int, tuple[str, ...], tuple[str, ...]] = (0, (), ())
+        self._dead_man = DeadMan(self.control_period_s)
+        self._commanded = False
+        self._start(memory, setup)
+        memory.close_descriptor()
+        answer = self._receive(OPEN_LIMIT_S)
+        if isinstance(answer, DeviceInfo):
+            self._is_open = True
+            return answer
+        self._disable()
+        raise _error_of(self.name, answer)
+
+    def read(self) -> RobotState:
+        """See Backend."""
+        self._require_open()
+        snapshot = self._state.snapshot()
+        now_s = self.clock.now_s()
+        if snapshot is None or not is_complete(snapshot):
+            raise NoState(f"{self.name}: {self._missing(snapshot)}")
+        joint_age_s = np.maximum(0.0, now_s - snapshot.joint_stamp_s)
+        imu_age_s = max(0.0, now_s - snapshot.imu_stamp_s)
+        silence_s = min(float(joint_age_s.min()), imu_age_s)
+        if silence_s > self._link_timeout_s:
+            raise LinkLost(f"{self.name}: silent for {1e3 * silence_s:.0f} ms")
+        known = np.isfinite(snapshot.temperature_c).any()
+        return RobotState(
+            time_s=now_s,
+            joint_pos_rad=snapshot.joint_pos_rad,
+            joint_vel_rad_s=snapshot.joint_vel_rad_s,
+            joint_torque_nm=snapshot.joint_torque_nm,
+            joint_age_s=joint_age_s,
+            imu_quat_wxyz=snapshot.imu_quat_wxyz,
+            imu_ang_vel_b=snapshot.imu_ang_vel_b,
+            imu_acc_b=snapshot.imu_acc_b,
+            imu_age_s=imu_age_s,
+            temperature_c=snapshot.temperature_c if known else None,
+            faults=self._faults(),
+        )
+
+    def write(self, command: JointCommand) -> None:
+        """See Backend."""
+        self._require_open()
+        if command.q_rad.size != self.robot.num_joints:
+            raise ValueError(f"{self.name}: got {command.q_rad.size} joints, expected {self.robot.num_joints}")
+        now_s = self.clock.now_s()
+        if self._dead_man.feed(now_s):
+            self._board.post(Kind.TRACK, now_s, command)
+        else:
+            self._board.post(Kind.DAMP, now_s, self._damping)
+        self._energise()
+
+    def damp(self) -> None:
+        """See Backend. Where the wire process is gone, the devices' own watchdogs have done it."""
+        if not self._is_open or self.process_id is None:
+            return
+        self._dead_man.disarm()
+        self._board.post(Kind.DAMP, self.clock.now_s(), self._damping)
+        self._energise()
+
+    def acknowledge(self) -> None:
+        """See Backend."""
+        self._require_open()
+        self._dead_man.acknowledge()
+        self._dead_man.disarm()
+        self._send("acknowledge")
+
+    def close(self) -> None:
+        """See Backend."""
+        if self._is_open and (not self._commanded or self.process_id is None):
+            self._is_open = False
+            self._disable()
+        super().close()
+
+    def report(self) -> dict[str, Any]:
+        """Timing of the wire's cycles and the driver's counters. Waits up to 2 s: not for the loop."""
+        self._send("report")
+        answer = self._receive(REPORT_LIMIT_S)
+        return answer if isinstance(answer, dict) else {}
+
+    def remote(self) -> tuple[tuple[str, ...], float]:
+        """Pressed buttons of a wireless remote and how long ago they were heard in s; inf where there is none."""
+        snapshot = self._state.snapshot() if self._is_open else None
+        if snapshot is None:
+            return (), math.inf
+        self._read_texts()
+        return self._texts[2], max(0.0, self.clock.now_s() - snapshot.remote_stamp_s)
+
+    def _disable(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        self._send("close")
+        try:
+            process.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        self._connection.close()
+
+    def _start(self, memory: SharedMemory, setup: bytes) -> None:
+        here, there = socket.socketpair()
+        with there:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", MAIN, str(memory.fd), str(memory.size), str(there.fileno())],
+                pass_fds=(memory.fd, there.fileno()),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        self._connection = Connection(here.detach())
+        self._send(list(sys.path))
+        self._connection.send_bytes(setup)
+
+    def _energise(self) -> None:
+        if not self._commanded:
+            self._commanded = True
+            self._send("enable")
+
+    def _send(self, request: object) -> None:
+        """A wire process that is gone shows itself at the next read."""
+        try:
+            self._connection.send(request)
+        except OSError:
+            return
+
+    def _receive(self, limit_s: float) -> object:
+        """The next answer, or None where none comes."""
+        try:
+            return self._connection.recv() if self._connection.poll(limit_s) else None
+        except (EOFError, OSError):
+            return None
+
+    def _require_open(self) -> None:
+        if not self._is_open or self._process is None:
+            raise LinkLost(f"{self.name}: not open")
+        if (code := self._process.poll()) is not None:
+            raise LinkLost(f"{self.name}: the wire process has ended with code {code}")
+
+    def _faults(self) -> tuple[str, ...]:
+        self._read_texts()
+        faults = self._texts[1]
+        return ("dead_man", *faults) if self._dead_man.latched and "dead_man" not in faults else faults
+
+    def _read_texts(self) -> None:
+        """Parsed only when they have changed."""
+        serial = self._state.texts_serial
+        if serial != self._texts[0]:
+            self._texts = (serial, *self._state.texts())
+
+    def _missing(self, snapshot: Snapshot | None) -> str:
+        if snapshot is None:
+            return "no state has arrived yet"
+        names = [name for name, s in zip(self.robot.joint_names, snapshot.joint_stamp_s) if not math.isfinite(s)]
+        names += [] if math.isfinite(snapshot.imu_stamp_s) else ["the IMU"]
+        return f"nothing heard yet of {', '.join(names)}"
+
+
+def _error_of(name: str, answer: object) -> Exception:
+    """The wire process's reason as the error that it was there."""
+    if not isinstance(answer, tuple):
+        return DeviceError(f"{name}: the wire process ended or hangs without an answer")
+    kind, message = answer
+    if kind == "InputError":
+        return InputError(message)
+    error = ERRORS.get(kind)
+    return error(message) if error else DeviceError(f"{name}: {kind}: {message}")

@@ -1,0 +1,169 @@
+"""What the devices last said, from the threads of the wire process to the loop, with the time of each value."""
+
+import json
+import math
+import threading
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from hal.wire.ring import Ring
+
+TEXT_BYTES = 8192
+ROWS = 5
+POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
+IMU_VALUES = 11
+Index = np.ndarray | list[int] | slice | int
+Value = np.ndarray | float
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
+
+    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard.
+    """
+
+    joint_pos_rad: np.ndarray
+    joint_vel_rad_s: np.ndarray
+    joint_torque_nm: np.ndarray
+    temperature_c: np.ndarray
+    joint_stamp_s: np.ndarray
+    imu_quat_wxyz: np.ndarray
+    imu_ang_vel_b: np.ndarray
+    imu_acc_b: np.ndarray
+    imu_stamp_s: float
+    remote_stamp_s: float
+
+
+class StateBoard:
+    """Written by any thread of the wire process, read by the loop. Joints are in the robot's order, values are
+    joint-side (after the joint map), SI units, and exactly what the device said, NaN included."""
+
+    def __init__(self, buffer: memoryview, num_joints: int) -> None:
+        self.num_joints = num_joints
+        numbers = Ring.size(_number_bytes(num_joints))
+        self._numbers = Ring(buffer[:numbers], _number_bytes(num_joints))
+        self._texts = Ring(buffer[numbers:], TEXT_BYTES)
+        self._values = np.full(ROWS * num_joints + IMU_VALUES + 1, np.nan)
+        self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
+        self._imu = self._values[ROWS * num_joints : -1]
+        self._joints[STAMP] = self._imu[-1] = self._values[-1] = -np.inf
+        self._lock = threading.Lock()
+        self._faults: set[str] = set()
+        self._buttons: tuple[str, ...] = ()
+        self._stats: dict[str, float] = {}
+
+    @staticmethod
+    def size(num_joints: int) -> int:
+        """Bytes of shared memory."""
+        return Ring.size(_number_bytes(num_joints)) + Ring.size(TEXT_BYTES)
+
+    def joints(
+        self,
+        index: Index,
+        pos_rad: Value,
+        vel_rad_s: Value,
+        torque_nm: Value,
+        temperature_c: Value,
+        stamp_s: Value,
+    ) -> None:
+        """Values of some joints (robot order), measured at stamp_s. temperature_c: NaN without a sensor."""
+        with self._lock:
+            self._joints[POS, index], self._joints[VEL, index] = pos_rad, vel_rad_s
+            self._joints[TORQUE, index], self._joints[TEMPERATURE, index] = torque_nm, temperature_c
+            self._joints[STAMP, index] = stamp_s
+            self._numbers.publish(self._values.tobytes())
+
+    def imu(self, quat_wxyz: np.ndarray, ang_vel_b: np.ndarray, acc_b: np.ndarray, stamp_s: float) -> None:
+        """Orientation (4,), angular velocity (3,) in rad/s and specific force (3,) in m/s^2, measured at stamp_s."""
+        with self._lock:
+            self._imu[:4], self._imu[4:7], self._imu[7:10] = quat_wxyz, ang_vel_b, acc_b
+            self._imu[10] = stamp_s
+            self._numbers.publish(self._values.tobytes())
+
+    def remote(self, buttons: Collection[str], stamp_s: float) -> None:
+        """The buttons of a wireless remote that are pressed, heard at stamp_s."""
+        with self._lock:
+            self._values[-1] = stamp_s
+            self._numbers.publish(self._values.tobytes())
+            if (pressed := tuple(sorted(buttons))) != self._buttons:
+                self._buttons = pressed
+                self._publish_texts()
+
+    def fault(self, name: str, present: bool) -> None:
+        """A device's fault begins or is over. name: as `RobotState.faults` shows it, e.g. "motor_fault:JOINT: reason".
+
+        Cheap where nothing changes. A driver that latches keeps it until `acknowledge()`.
+        """
+        if (name in self._faults) == present:
+            return
+        with self._lock:
+            self._faults = self._faults | {name} if present else self._faults - {name}
+            self._publish_texts()
+
+    def stats(self, name: str, value: float) -> None:
+        """A figure for the report at the end, e.g. a counter of corrupt frames."""
+        with self._lock:
+            self._stats[name] = value
+
+    def all_stats(self) -> dict[str, float]:
+        """Every figure given so far; in the wire process only."""
+        with self._lock:
+            return dict(self._stats)
+
+    def snapshot(self) -> Snapshot | None:
+        """The newest values; None where nothing has been heard at all."""
+        latest = self._numbers.latest()
+        if latest is None:
+            return None
+        values = np.frombuffer(latest[1], dtype=np.float64)
+        joints = values[: ROWS * self.num_joints].reshape(ROWS, self.num_joints)
+        imu = values[ROWS * self.num_joints : -1]
+        return Snapshot(
+            joint_pos_rad=joints[POS],
+            joint_vel_rad_s=joints[VEL],
+            joint_torque_nm=joints[TORQUE],
+            temperature_c=joints[TEMPERATURE],
+            joint_stamp_s=joints[STAMP],
+            imu_quat_wxyz=imu[:4],
+            imu_ang_vel_b=imu[4:7],
+            imu_acc_b=imu[7:10],
+            imu_stamp_s=float(imu[10]),
+            remote_stamp_s=float(values[-1]),
+        )
+
+    def texts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Faults and pressed buttons, as last published."""
+        latest = self._texts.latest()
+        if latest is None:
+            return (), ()
+        content = json.loads(latest[1])
+        return tuple(content["faults"]), tuple(content["buttons"])
+
+    @property
+    def texts_serial(self) -> int:
+        """Changes whenever `texts` does."""
+        return self._texts.serial
+
+    def _publish_texts(self) -> None:
+        """Faults that no longer fit are counted: the loop stops for the first one as well as for the last."""
+        names = sorted(self._faults)
+        for kept in range(len(names), -1, -1):
+            left_out = [f"{len(names) - kept} more faults"] if kept < len(names) else []
+            record = json.dumps({"faults": [*names[:kept], *left_out], "buttons": self._buttons}).encode()
+            if len(record) <= TEXT_BYTES:
+                self._texts.publish(record)
+                return
+
+
+def is_complete(snapshot: Snapshot | None) -> bool:
+    """Whether every joint and the IMU have been heard."""
+    if snapshot is None:
+        return False
+    return math.isfinite(snapshot.imu_stamp_s) and bool(np.isfinite(snapshot.joint_stamp_s).all())
+
+
+def _number_bytes(num_joints: int) -> int:
+    return 8 * (ROWS * num_joints + IMU_VALUES + 1)

@@ -1,0 +1,78 @@
+"""What a wire's driver must do. It lives in the wire process, which owns the wire."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from hal.types import DeviceInfo
+from hal.wire.boards import StateBoard
+from hal.wire.outbox import Outbox
+from robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Work that the wire process repeats in a thread of its own, on absolute deadlines, missed ones skipped.
+
+    run(now_s): one round; now_s is time.monotonic() at its begin. It may wait for answers, up to its period. Each
+    round that sends asks `outbox.at(time.monotonic())` right before, and sends that. What it raises is a fault of the
+    wire: every joint is damped, latched; `run` goes on being called, so that what can still be damped is.
+    """
+
+    name: str
+    period_s: float
+    run: Callable[[float], None]
+
+
+class Driver(Protocol):
+    """Devices on wires. Nothing is sent that drives a joint before `enable()`.
+
+    Order of calls: identify, start, then (while the cycles run) enable and acknowledge, at the end (the cycles have
+    stopped) disable if `enable` was called, close always. All but `Cycle.run` are called by the main thread of the
+    wire process; a driver guards by itself what it shares with its cycles.
+    """
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that it drives, in the robot's order."""
+        ...
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether every device damps or releases by itself when commands stop."""
+        ...
+
+    def identify(self) -> DeviceInfo:
+        """Connect, find and check the devices, set and read back their watchdogs. Energises nothing.
+
+        Raises DeviceError (DeviceFault where a device answers and refuses), naming everything that is wrong.
+        """
+        ...
+
+    def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
+        """The cyclic work. From here on states arrive on the board, though the outbox says IDLE."""
+        ...
+
+    def enable(self) -> None:
+        """Before the first command that is not IDLE goes out: enable every device, into damping.
+
+        The outbox says IDLE until this has returned or raised. It may take long. What it raises is a latched fault;
+        the devices that are enabled are damped then.
+        """
+        ...
+
+    def disable(self) -> None:
+        """After damping, when the cycles have stopped: take the drive away. One silent device hinders no other."""
+        ...
+
+    def acknowledge(self) -> None:
+        """The operator's word after a latched fault: clear the devices' faults, into damping. Never automatic."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the wire. Called once, also where `identify` has raised."""
+        ...
+
+
+DriverFactory = Callable[[Robot], Driver]
+"""What builds the driver, picklable; a driver's module offers `make_factory(config, endpoints)`, see hal/open.py."""

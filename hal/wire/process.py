@@ -1,0 +1,206 @@
+"""The process that owns a wire. It outlives the loop: whatever ends or stops the loop, this one damps.
+
+Started by `WireBackend`; file descriptors of the shared memory and of a socket to the loop are its arguments.
+"""
+
+import contextlib
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from hal import realtime
+from hal.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
+from hal.wire.boards import StateBoard
+from hal.wire.cycles import CycleThread
+from hal.wire.driver import Cycle, Driver, DriverFactory
+from hal.wire.outbox import CommandBoard, Outbox
+from hal.wire.ring import SharedMemory
+from robot.robot import Robot
+
+WATCH_S = 0.02
+STOP_WAIT_S = 1.0
+SWITCH_INTERVAL_S = 5e-4
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
+
+
+@dataclass(frozen=True)
+class WireSetup:
+    """What the loop tells its wire process. name: for messages."""
+
+    name: str
+    robot: Robot
+    factory: DriverFactory
+    control_period_s: float
+
+
+class WireProcess:
+    """The life of one driver: identify, cycles, requests from the loop, damping to rest, the end."""
+
+    def __init__(self, connection: Connection, setup: WireSetup, memory: SharedMemory) -> None:
+        joints = setup.robot.num_joints
+        commands = CommandBoard.size(joints)
+        self._name, self._connection, self._setup = setup.name, connection, setup
+        self._state = StateBoard(memory.buffer[commands:], joints)
+        board = CommandBoard(memory.buffer[:commands], joints)
+        self._outbox = Outbox(board, setup.robot.damping_kd, setup.control_period_s)
+        self._threads: list[CycleThread] = []
+        self._failures: dict[str, str] = {}
+        self._lock = threading.Lock()
+        self._was_latched = False
+
+    def run(self) -> int:
+        """Until the loop closes or is gone. Exit code: 0, or 1 where the devices could not be opened."""
+        driver: Driver | None = None
+        try:
+            driver = self._setup.factory(self._setup.robot)
+            info = driver.identify()
+            self._threads = [CycleThread(cycle, self._failed) for cycle in driver.start(self._outbox, self._state)]
+        except Exception as error:
+            self._reply((type(error).__name__, str(error)))
+            if driver is not None:
+                self._attempt("close", driver.close)
+            return 1
+        for thread in self._threads:
+            thread.start()
+        self._reply(info)
+        try:
+            gone = self._serve(driver)
+        except Exception as error:
+            self._fail("requests", error)
+            gone = True
+        if gone:
+            self._outbox.halt()
+            self._rest()
+        self._end(driver)
+        return 1 if gone else 0
+
+    def _serve(self, driver: Driver) -> bool:
+        """Answer the loop. True where it is gone without having closed."""
+        while True:
+            self._watch()
+            try:
+                if not self._connection.poll(WATCH_S):
+                    continue
+                request = self._connection.recv()
+            except (EOFError, OSError):
+                self._outbox.halt()
+                self._say("the loop is gone, damping")
+                return True
+            if request == "close":
+                return False
+            self._answer(driver, request)
+
+    def _answer(self, driver: Driver, request: str) -> None:
+        if request == "enable":
+            self._attempt("enable", driver.enable)
+            self._outbox.energise()
+        elif request == "acknowledge":
+            self._forget_failures()
+            if self._attempt("acknowledge", driver.acknowledge):
+                self._outbox.acknowledge()
+        elif request == "report":
+            self._reply(self._report())
+
+    def _report(self) -> dict[str, Any]:
+        cycles = {thread.cycle.name: thread.report() for thread in self._threads}
+        scheduling = sorted({thread.scheduling for thread in self._threads if thread.scheduling})
+        return {"cycles": cycles, "stats": self._state.all_stats(), "scheduling": scheduling}
+
+    def _watch(self) -> None:
+        """Show the loop a latched dead man, and say so."""
+        latched = self._outbox.latched
+        if latched == self._was_latched:
+            return
+        self._was_latched = latched
+        self._state.fault("dead_man", latched)
+        if latched:
+            self._say("no new command for 3 control periods, damping")
+
+    def _rest(self) -> None:
+        """Damp until the joints rest (0.5 s below 0.3 rad/s), at most 3 s."""
+        if not self._outbox.energised:
+            return
+        start_s = moved_s = time.monotonic()
+        while (now_s := time.monotonic()) - start_s < CLOSE_LIMIT_S:
+            snapshot = self._state.snapshot()
+            fastest = np.inf if snapshot is None else np.abs(snapshot.joint_vel_rad_s).max()
+            if not fastest < REST_SPEED_RAD_S:
+                moved_s = now_s
+            if now_s - moved_s >= REST_HELD_S:
+                return
+            time.sleep(WATCH_S)
+
+    def _end(self, driver: Driver) -> None:
+        self._outbox.halt()
+        for thread in self._threads:
+            if not thread.stop(STOP_WAIT_S):
+                self._say(f"{thread.cycle.name} does not end")
+        if self._outbox.energised:
+            self._attempt("disable", driver.disable)
+            self._say("damped, disabled")
+        self._attempt("close", driver.close)
+        self._reply("closed")
+
+    def _attempt(self, what: str, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except Exception as error:
+            self._fail(what, error)
+            return False
+        return True
+
+    def _failed(self, cycle: Cycle, error: Exception) -> None:
+        """A round raised; its thread goes on, with damping to send."""
+        self._fail(cycle.name, error)
+
+    def _fail(self, what: str, error: Exception) -> None:
+        self._outbox.fail()
+        with self._lock:
+            if what in self._failures:
+                return
+            self._failures[what] = f"wire: {what}: {str(error) or type(error).__name__}"
+            self._state.fault(self._failures[what], True)
+        self._say(f"{what} failed, damping: {type(error).__name__}: {error}")
+
+    def _forget_failures(self) -> None:
+        with self._lock:
+            for name in self._failures.values():
+                self._state.fault(name, False)
+            self._failures.clear()
+
+    def _reply(self, content: object) -> None:
+        try:
+            self._connection.send(content)
+        except OSError:
+            self._outbox.halt()
+
+    def _say(self, line: str) -> None:
+        with contextlib.suppress(OSError):  # the console may have gone with the loop
+            os.write(2, f"wire {self._name}: {line}\n".encode())
+
+
+def main(arguments: Sequence[str]) -> int:
+    """arguments: descriptor and size of the shared memory, descriptor of the socket to the loop."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    memory_fd, size, socket_fd = map(int, arguments)
+    memory, connection = SharedMemory(memory_fd, size), Connection(socket_fd)
+    try:
+        sys.path[:] = connection.recv()
+        setup = connection.recv()
+    except (EOFError, OSError):
+        return 1
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    realtime.lock_memory()
+    gc.collect()
+    gc.freeze()
+    return WireProcess(connection, setup, memory).run()

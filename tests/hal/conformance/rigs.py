@@ -1,0 +1,132 @@
+"""Every backend, made ready for the same tests: where it comes from, and how exact its time is."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from hal.backend import Backend
+from hal.clock import MonotonicClock
+from hal.emulator.launch import Emulator, launch_emulator
+from hal.open import WIRES, wire_factory
+from hal.types import DeviceError, RobotState
+from hal.wire.emulated import EmulatedWireBackend
+from robot.robot import Robot
+from tests.hal.rigs import G1, mock, mujoco_backend
+from tests.hal.wire.fake import fake_backend
+from tests.robot.toy import load_toy
+
+SIMULATED: dict[str, Callable[[Robot], Any]] = {
+    "mock": lambda robot: mock(robot=robot),
+    "mujoco": lambda robot: mujoco_backend(robot=robot, band=True),
+    "mujoco-reference": lambda robot: mujoco_backend(robot=robot, band=True, sim="reference"),
+}
+ROBOTS = {"g1": lambda: G1, "toy": load_toy}
+# A test machine is shared; how late its threads may be is no property of a backend.
+GRACE_S = 0.15
+# For the same reason most tests give a loop on the machine's clock more time than a robot would.
+PATIENT_PERIOD_S = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Rig:
+    """A backend, not yet opened. wall: whether it runs on the machine's clock. emulator: its other end, if any."""
+
+    backend: Any
+    wall: bool = False
+    emulator: Emulator | None = None
+
+    @property
+    def robot(self) -> Robot:
+        return self.backend.robot
+
+    @property
+    def period_s(self) -> float:
+        """The control period that the backend goes by; the tests write every 20 ms."""
+        return self.backend.control_period_s
+
+    @property
+    def late_s(self) -> float:
+        """By how much times measured in a test may be off."""
+        return GRACE_S if self.wall else 1e-9
+
+
+class Emulators:
+    """One emulator of each kind at a time, hung up anew for each test."""
+
+    def __init__(self) -> None:
+        self._running: dict[tuple[str, str | None], Emulator] = {}
+
+    def get(self, kind: str, config: str | None = None) -> Emulator:
+        """A running one, as after switching on; one that does not answer is replaced."""
+        if kind == "dds":
+            pytest.importorskip("cyclonedds")
+        emulator = self._running.get((kind, config))
+        if emulator is not None:
+            try:
+                emulator.control.clear_fault()
+                emulator.control.reset()
+                return emulator
+            except DeviceError:
+                pass
+        self.stop()
+        emulator = self._running[kind, config] = launch_emulator(kind, config)
+        return emulator
+
+    def stop(self) -> None:
+        for emulator in self._running.values():
+            emulator.stop()
+        self._running.clear()
+
+
+@contextmanager
+def emulators() -> Iterator[Emulators]:
+    running = Emulators()
+    try:
+        yield running
+    finally:
+        running.stop()
+
+
+def rig_names() -> list[str]:
+    simulated = [f"{maker}-{robot}" for maker in (*SIMULATED, "fake-wire") for robot in ROBOTS]
+    return [*simulated, *WIRES]
+
+
+def make_wire(wire: str, running: Emulators, robot: Robot = G1) -> Rig:
+    emulator = running.get(wire)
+    factory = wire_factory(wire, None, emulator.endpoints)
+    times = {"control_period_s": PATIENT_PERIOD_S, "link_timeout_s": 10 * PATIENT_PERIOD_S}
+    return Rig(EmulatedWireBackend(wire, robot, MonotonicClock(), factory, emulator, **times), True, emulator)
+
+
+def make_rig(name: str, running: Emulators) -> Rig:
+    if name in WIRES:
+        return make_wire(name, running)
+    maker, _, robot = name.rpartition("-")
+    if maker == "fake-wire":
+        return Rig(fake_backend(ROBOTS[robot](), control_period_s=PATIENT_PERIOD_S), wall=True)
+    return Rig(SIMULATED[maker](ROBOTS[robot]()))
+
+
+def ready(backend: Backend, limit_s: float = 5.0) -> RobotState:
+    """The first complete state."""
+    end_s = time.monotonic() + limit_s
+    while True:
+        try:
+            return backend.read()
+        except DeviceError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.005)
+
+
+def wait_until(condition: Callable[[], Any], limit_s: float = 10.0) -> Any:
+    end_s = time.monotonic() + limit_s
+    while not (value := condition()):
+        assert time.monotonic() < end_s, "nothing happened"
+        time.sleep(0.005)
+    return value

@@ -1,0 +1,116 @@
+"""Damping at the far end of the wire, whatever becomes of the loop: seen by the emulator, motor by motor."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hal.open import WIRES
+from tests.hal.conformance.rigs import GRACE_S, Emulators, wait_until
+from tests.hal.rigs import PERIOD_S
+
+ROOT = Path(__file__).resolve().parents[3]
+# 3 control periods and one cycle of the wire.
+DEADLINE_S = 4 * PERIOD_S
+
+
+class LoopOnWire:
+    """The loop's process and the emulator at the other end of its wire."""
+
+    def __init__(self, wire: str, running: Emulators) -> None:
+        self.emulator = running.get(wire)
+        self._call = [sys.executable, "-m", "tests.hal.conformance.loop_process", wire]
+
+    def start(self, end: str = "never") -> subprocess.Popen[str]:
+        call = [*self._call, json.dumps(self.emulator.endpoints), end]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(call, cwd=ROOT, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+        assert self.process.stdin is not None and self.process.stdout is not None
+        assert self.process.stdout.readline() == "open\n", self.process.stderr.read()  # type: ignore[union-attr]
+        wait_until(lambda: self.modes() == {"driven"}, 20.0)
+        self.process.stdin.close()
+        return self.process
+
+    def modes(self) -> set[str]:
+        return set(self.emulator.control.status()["mode"].values())
+
+    def damped_after_s(self, since_s: float) -> float:
+        """When the last motor was told to damp, after since_s."""
+        status = wait_until(lambda: (s := self.emulator.control.status())["mode"] and self._all(s, "damped") and s)
+        return max(status["mode_since_s"].values()) - since_s
+
+    def stop(self) -> None:
+        """Until the wire process has damped to rest as well: the next loop would be refused beside it."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        with contextlib.suppress(AssertionError):
+            wait_until(lambda: self.modes() == {"slack"}, 6.0)
+        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
+            if pipe is not None:
+                pipe.close()
+
+    @staticmethod
+    def _all(status: dict, mode: str) -> bool:
+        return set(status["mode"].values()) == {mode}
+
+
+@pytest.fixture(scope="module", params=WIRES)
+def wire(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def loop(wire: str, running: Emulators) -> Iterator[LoopOnWire]:
+    made = LoopOnWire(wire, running)
+    yield made
+    made.stop()
+
+
+def test_kill_of_the_loop(loop: LoopOnWire) -> None:
+    process = loop.start()
+    process.kill()
+    killed_s = time.monotonic()
+    assert loop.damped_after_s(killed_s) < DEADLINE_S + GRACE_S
+    wait_until(lambda: loop.modes() == {"slack"})
+
+
+def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire) -> None:
+    process = loop.start()
+    process.send_signal(signal.SIGSTOP)
+    frozen_s = time.monotonic()
+    assert loop.damped_after_s(frozen_s) < DEADLINE_S + GRACE_S
+    process.send_signal(signal.SIGCONT)
+    time.sleep(0.3)
+    assert loop.modes() == {"damped"}
+
+
+@pytest.mark.parametrize("end", ["raise", "close"])
+def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end: str) -> None:
+    process = loop.start(end)
+    assert process.stdout is not None
+    ended_s = float(process.stdout.readline())
+    assert loop.damped_after_s(ended_s) < DEADLINE_S + GRACE_S
+    assert process.wait(10) == (1 if end == "raise" else 0)
+    assert loop.modes() == {"slack"}
+
+
+def test_a_killed_wire_process_leaves_it_to_the_devices_watchdogs(loop: LoopOnWire, wire: str) -> None:
+    """Nobody is left who could send; the loop says so.
+
+    CAN servos end up without drive; a Dynamixel stops and holds; a G1's own time-out is not documented.
+    """
+    process = loop.start()
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    (wire_process,) = map(int, children)
+    subprocess.run(["kill", "-9", str(wire_process)], check=True)
+    assert process.wait(10) == 1
+    assert process.stderr is not None and "hal.types.LinkLost: " in process.stderr.read()
+    if wire == "can":
+        wait_until(lambda: "driven" not in loop.modes())

@@ -1,0 +1,258 @@
+"""Both ends for real: the driver here, the strict robot in a process of its own, frames over loopback."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from hal.emulator import control, launch
+from hal.emulator.launch import Emulator, launch_emulator
+from hal.options import config_file
+from hal.types import DeviceFault, LinkLost
+from tests.hal.dds.host import LIMIT_S, Host, driver_for, wait
+from tests.hal.rigs import G1
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulator]:
+    """A robot that speaks at 100 Hz: a quarter of the work, and nothing here is about rates."""
+    file = tmp_path_factory.mktemp("dds") / "slow.yaml"
+    file.write_text(config_file("hal", "dds").read_text().replace("state_hz: 500.0", "state_hz: 100.0"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch, "START_LIMIT_S", 2 * LIMIT_S)
+        patch.setattr(control, "TIMEOUT_S", LIMIT_S)
+        with launch_emulator("dds", file) as emulator:
+            yield emulator
+
+
+@pytest.fixture
+def emulator(started: Emulator) -> Emulator:
+    started.control.clear_fault()
+    started.control.reset()
+    started.control.device(buttons=[])
+    return started
+
+
+def status(emulator: Emulator) -> dict[str, Any]:
+    return emulator.control.status()
+
+
+def counts(emulator: Emulator) -> dict[str, int]:
+    return status(emulator)["device"]["counts"]
+
+
+def opened_and_refused(emulator: Emulator, **changes: Any) -> None:
+    driver = driver_for(emulator, **changes)
+    try:
+        driver.identify()
+    finally:
+        driver.close()
+
+
+def test_looking_commands_nothing_and_releases_nothing(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        assert host.info.joint_names == G1.joint_names
+        assert host.info.details["motion service"].startswith("'ai' is active")
+        assert host.info.details["mode_machine"] == "5"
+        time.sleep(0.2)
+        seen = host.seen()
+        assert abs(np.linalg.norm(seen.imu_quat_wxyz) - 1) < 1e-3
+        assert (seen.joint_stamp_s <= time.monotonic()).all()
+    device = status(emulator)["device"]
+    assert device["motion_service"] == "ai"
+    assert set(device["counts"]) <= {"lowstate sent"}
+    assert set(status(emulator)["mode"].values()) == {"slack"}
+
+
+def test_the_service_lets_go_first_and_joints_follow_by_name(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        assert status(emulator)["device"]["motion_service"] == ""
+        elbow = G1.joint_names.index("right_elbow_joint")
+        start = host.seen().joint_pos_rad
+        target = start.copy()
+        target[elbow] += 0.4
+        host.hold(target, lambda: host.seen().joint_pos_rad[elbow] > start[elbow] + 0.2)
+        others = np.delete(np.abs(host.seen().joint_pos_rad - start), elbow)
+        assert others.max() < 0.15
+        assert status(emulator)["joint_pos_rad"]["right_elbow_joint"] > start[elbow] + 0.15
+        # The wrists were found at 0.2 rad and are brought to 0 while tracking.
+        host.hold(target, lambda: max(map(abs, status(emulator)["device"]["held_rad"].values())) < 0.1)
+        assert host.errors == []
+    after = status(emulator)
+    assert after["violations"]["counts"].keys() <= {"torque"}
+    assert after["device"]["held_violations"] == []
+    assert set(after["device"]["counts"]) == {"obeyed", "lowstate sent"}
+    assert set(after["mode"].values()) == {"slack"}
+
+
+def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        host.hold(host.seen().joint_pos_rad, lambda: "driven" in status(emulator)["mode"].values())
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        assert host.outbox.latched
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "reason"),
+    [
+        ("wrong_id", "lowstate", "mode_machine 4 is a G1 without waist roll and pitch"),
+        ("corrupt", "lowstate", "bad checksum"),
+        ("tick_stands", "lowstate", "tick stands still"),
+        ("parallel_mode", "lowstate", "mode_pr"),
+        ("silence", "left_knee_joint", "missing motors: left_knee_joint"),
+    ],
+)
+def test_an_unfit_robot_is_refused_with_the_reason(emulator: Emulator, kind: str, key: str, reason: str) -> None:
+    emulator.control.fault(kind, key)
+    time.sleep(0.1)
+    with pytest.raises(DeviceFault, match=reason):
+        opened_and_refused(emulator)
+
+
+def test_a_silent_robot_is_said_to_be_silent(emulator: Emulator) -> None:
+    emulator.control.fault("silence", "lowstate")
+    time.sleep(0.1)
+    with pytest.raises(LinkLost, match=r"silent robot: no LowState within 0\.4 s, domain"):
+        opened_and_refused(emulator, state_wait_s=0.4)
+
+
+def test_a_robot_of_which_little_is_heard_is_not_judged(emulator: Emulator) -> None:
+    emulator.control.fault("drop", "lowstate", value=0.97)
+    time.sleep(0.1)
+    with pytest.raises(LinkLost, match=r"silent robot: \w+ LowState within 0\.2 s"):
+        opened_and_refused(emulator, state_wait_s=0.2, observe_s=0.1)
+
+
+def test_a_second_controller_is_refused_before(emulator: Emulator) -> None:
+    emulator.control.fault("second_controller", "lowstate")
+    time.sleep(0.1)
+    with pytest.raises(DeviceFault, match="second controller"):
+        opened_and_refused(emulator, motion_service="none")
+
+
+def test_a_second_controller_that_stays_is_found_when_taking_over(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        emulator.control.fault("second_controller", "lowstate")
+        time.sleep(0.1)
+        with pytest.raises(DeviceFault, match="second controller"):
+            host.enable()
+        emulator.control.clear_fault()
+        time.sleep(0.1)
+        host.driver.acknowledge()
+        assert host.faults == ()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+
+
+def test_a_second_controller_is_seen_while_we_command(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        host.damp()
+        wait(lambda: counts(emulator).get("obeyed", 0))
+        assert host.faults == ()
+        emulator.control.fault("second_controller", "lowstate")
+        wait(lambda: any("second controller" in fault for fault in host.faults))
+        emulator.control.clear_fault()
+        time.sleep(0.3)
+        host.driver.acknowledge()
+        assert host.faults == ()
+
+
+def test_what_is_sent_while_the_service_drives_is_not_obeyed(emulator: Emulator) -> None:
+    with Host(emulator, motion_service="none") as host:
+        host.enable()
+        host.damp()
+        wait(lambda: counts(emulator).get("motion service active", 0) > 5)
+        assert "obeyed" not in counts(emulator)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "shown"),
+    [
+        ("fault_code", "left_knee_joint", "motor_fault:left_knee_joint: overcurrent"),
+        ("silence", "waist_yaw_joint", "motor_fault:waist_yaw_joint: disconnected"),
+        ("brown_out", "right_elbow_joint", "motor_fault:right_elbow_joint: disconnected"),
+        ("parallel_mode", "lowstate", "mode_pr"),
+        ("wrong_id", "lowstate", "mode_machine is no longer 5"),
+    ],
+)
+def test_faults_of_a_running_robot_are_shown(emulator: Emulator, kind: str, key: str, shown: str) -> None:
+    with Host(emulator) as host:
+        assert host.faults == ()
+        emulator.control.fault(kind, key)
+        wait(lambda: any(shown in fault for fault in host.faults))
+
+
+def test_a_motor_without_power_stays_slack_until_it_is_told_mode_0(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        host.damp()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        emulator.control.fault("brown_out", "left_knee_joint")
+        wait(lambda: status(emulator)["mode"]["left_knee_joint"] == "slack")
+        emulator.control.clear_fault()
+        wait(lambda: "motor_fault:left_knee_joint: reset" in host.faults)
+        assert status(emulator)["mode"]["left_knee_joint"] == "slack"
+    with Host(emulator) as host:
+        assert host.faults == ()
+
+
+def test_wrong_checksums_renew_nothing_and_are_counted(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        emulator.control.fault("corrupt", "lowstate")
+        wait(lambda: host.state.all_stats().get("lowstate bad_checksum", 0) > 10)
+        stamp_s = host.seen().imu_stamp_s
+        wait(lambda: host.state.all_stats()["lowstate bad_checksum"] > 20)
+        assert host.seen().imu_stamp_s == stamp_s
+
+
+def test_a_delay_shows_as_age(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        if host.info.details["ages"] != "by the robot's tick":
+            pytest.skip("this machine was too busy to recognise the robot's milliseconds")
+        arrivals = host.driver._states
+        emulator.control.fault("delay", "lowstate", value=0.3)
+        time.sleep(1.0)
+
+        def age_s() -> float:
+            stamp_s, (_, arrived_s) = host.seen().imu_stamp_s, arrivals.latest
+            return arrived_s - stamp_s
+
+        wait(lambda: age_s() > 0.25)
+
+
+def test_temperatures_and_the_remote_arrive(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        emulator.control.fault("over_temperature", "left_knee_joint", value=105.0)
+        emulator.control.device(buttons=["B", "L1"])
+        knee = G1.joint_names.index("left_knee_joint")
+        wait(lambda: host.seen().temperature_c[knee] == 105.0)
+        wait(lambda: host.state.texts()[1] == ("B", "L1"))
+        assert host.seen().remote_stamp_s > 0
+
+
+def test_a_robot_that_loses_power_comes_back_under_its_own_service(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        host.damp()
+        wait(lambda: counts(emulator).get("obeyed", 0))
+        emulator.control.fault("brown_out", "lowstate", duration_s=0.3)
+        wait(lambda: any("restarted" in fault for fault in host.faults))
+        assert status(emulator)["device"]["motion_service"] == "ai"
+        wait(lambda: set(status(emulator)["mode"].values()) == {"slack"})
+
+
+def test_a_configuration_that_leaves_motors_out_is_refused(tmp_path: Path) -> None:
+    from hal.dds.driver import make_factory
+
+    file = tmp_path / "short.yaml"
+    lines = config_file("hal", "dds").read_text().splitlines()
+    file.write_text("\n".join(line for line in lines if "left_wrist_roll" not in line))
+    with pytest.raises(ValueError, match="motors that nobody holds"):
+        make_factory(file, {"interface": "lo"})(G1)

@@ -1,0 +1,30 @@
+"""The maker's own library finds the emulated servos."""
+
+import pytest
+
+from hal.dynamixel import registers as r
+from hal.dynamixel.scan import main, scan
+from hal.types import DeviceError
+from tests.hal.dynamixel.rigs import Bench
+
+
+def test_lists_the_servos_and_lets_go_of_them(capsys: pytest.CaptureFixture[str]) -> None:
+    with Bench() as bench:
+        device = bench.device.endpoints["left_arm"]
+        for servo in bench.servos:
+            servo.write(r.TORQUE_ENABLE.address, b"\1")
+        found = scan(device, [1_000_000])
+        assert [(servo.id, servo.model, servo.firmware) for servo in found] == [
+            (i, "XM430-W350", 48) for i in range(1, 5)
+        ]
+        assert main([device, "--baud", "1000000", "--torque-off"]) == 0
+        assert "1000000 baud  id   4  XM430-W350, firmware 48" in capsys.readouterr().out
+        arm = bench.device._ports["left_arm"].servos.values()
+        assert not any(servo.get(r.TORQUE_ENABLE) for servo in arm)
+
+
+def test_a_port_that_does_not_exist_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(DeviceError, match="no/such"):
+        scan("no/such", [1_000_000])
+    assert main(["no/such"]) == 4
+    assert "error: cannot open no/such" in capsys.readouterr().err

@@ -1,0 +1,32 @@
+"""What the base action knows and the network may look at: where in the clip, and how far off the nominal motion."""
+
+import torch
+from torch import nn
+
+from train.base_action.estimator import Deviation
+from train.phase_basis import phase_hats
+
+DEVIATION_SCALE = 3.0
+LAST_ACTION_SCALE = 0.5
+DEVIATION_CLIP = 10.0
+
+
+class NominalFeatures(nn.Module):
+    """Observations (B, 380) → (B, knots + 3+3+J+J + J): phase hats, scaled deviations of state and last action."""
+
+    scale: torch.Tensor
+
+    def __init__(self, deviation: Deviation, phase_column: int, stretch: float, knots: int) -> None:
+        super().__init__()
+        self.deviation = deviation
+        self._phase_column, self._stretch, self._knots = phase_column, stretch, knots
+        joints = deviation.action.shape[0]
+        scale = torch.cat([deviation.scale * DEVIATION_SCALE, torch.full((joints,), LAST_ACTION_SCALE)])
+        self.register_buffer("scale", scale)
+        self.size = knots + len(scale)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """See the class."""
+        phase = (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
+        deviation = self.deviation(observation, phase) * self.scale
+        return torch.cat([phase_hats(phase, self._knots), deviation.clamp(-DEVIATION_CLIP, DEVIATION_CLIP)], dim=1)

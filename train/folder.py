@@ -1,0 +1,10 @@
+"""The files of a run's folder."""
+
+ACTOR_FILE = "actor.onnx"
+CLIP_FILE = "motion.npz"
+CONFIG_FILE = "config.yaml"
+CURVES_FILE = "curves.png"
+FEASIBLE_FILE = "feasible_motion.npz"
+METRICS_FILE = "metrics.jsonl"
+REPORT_FILE = "report.html"
+SUMMARY_FILE = "summary.json"

@@ -1,0 +1,1 @@
+"""What a run tells afterwards: report.html, from the files in the run's folder."""

@@ -1,0 +1,74 @@
+"""Which weights a run exports, and why: every evaluation, the rule, the chosen one against the next best."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from train.environment.evaluator import FALL_COST, START_NOISE_RAD, STARTS
+
+PREFIX = "evaluation/"
+RULE = (
+    "The evaluation with the lowest score is exported; the earlier one where two are equal. The score is the mean, "
+    "over nominal and randomised starts, of Empbpe in mm, a tenth of Eg-mpbpe in mm, and "
+    f"{FALL_COST:g} times the share of falls. Each evaluation plays the whole clip from {STARTS} noisy starts of "
+    f"either kind (joints {START_NOISE_RAD:g} rad off, standard deviation), the same ones every time, without "
+    "training's distance limit."
+)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One judgement. ``figures`` by name; None: not finite."""
+
+    iteration: int
+    figures: Mapping[str, float | None]
+
+    @property
+    def score(self) -> float:
+        """Lower is better."""
+        value = self.figures.get("score")
+        return math.inf if value is None else value
+
+    @property
+    def fall_cost(self) -> float | None:
+        """The part of the score that comes from falls; None where falls are not told."""
+        falls = [value or 0.0 for name, value in self.figures.items() if name.endswith("_falls")]
+        return FALL_COST * sum(falls) / len(falls) if falls else None
+
+
+def evaluations(rows: Sequence[Mapping[str, Any]], *more: Mapping[str, Any]) -> list[Evaluation]:
+    """Evaluations in rows of metrics.jsonl, and ``more`` as {"iteration", figure: value}; by iteration, each once."""
+    found: dict[int, Evaluation] = {}
+    for row in rows:
+        figures = {name.removeprefix(PREFIX): value for name, value in row.items() if name.startswith(PREFIX)}
+        if figures:
+            found[row["iteration"]] = Evaluation(row["iteration"], figures)
+    for document in more:
+        figures = {name: value for name, value in document.items() if name != "iteration"}
+        if figures:
+            found.setdefault(document["iteration"], Evaluation(document["iteration"], figures))
+    return [found[iteration] for iteration in sorted(found)]
+
+
+def best(judged: Sequence[Evaluation]) -> Evaluation | None:
+    """The lowest finite score, the first of equals."""
+    return min((one for one in judged if math.isfinite(one.score)), key=lambda one: one.score, default=None)
+
+
+def explain(judged: Sequence[Evaluation]) -> str:
+    """In one or two sentences, why the best one is the best."""
+    chosen = best(judged)
+    if chosen is None:
+        return "No evaluation yet: the last weights are what there is."
+    said = f"Iteration {chosen.iteration}: score {chosen.score:.1f}, the lowest of {len(judged)}."
+    others = [one for one in judged if one is not chosen]
+    second = best(others)
+    if second is None:
+        return said if others else f"Iteration {chosen.iteration}: score {chosen.score:.1f}, the only evaluation."
+    said += f" Next best is iteration {second.iteration}, {second.score - chosen.score:.1f} behind"
+    if chosen.fall_cost is None or second.fall_cost is None:
+        return said + "."
+    falls = second.fall_cost - chosen.fall_cost
+    errors = second.score - chosen.score - falls
+    return said + f", of which falls make {falls:+.1f} and tracking errors {errors:+.1f}."

@@ -1,0 +1,65 @@
+"""What a configuration changes against the presets in configs/train."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robot.errors import InputError
+from train.config import CONFIG_DIR, compose_document
+
+_OWN_KEYS = ("motion", "run_dir")
+_ABSENT = "absent"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One key with another value than the preset's; ``absent`` where there is none."""
+
+    key: str
+    preset: str
+    here: str
+
+
+def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[Difference]]:
+    """The preset with the fewest differences, and these; ("", []) where no preset can be read.
+
+    Configurations do not keep the name of their preset. What the machine decides (precision, threads) is compared with
+    what this machine would decide. A preset that cannot be composed is left out.
+    """
+    found: list[tuple[str, list[Difference]]] = []
+    for path in sorted((CONFIG_DIR / "train").glob("*.yaml")):
+        try:
+            preset = compose_document([f"motion={document['motion']}", f"train={path.stem}"])
+        except InputError:
+            continue
+        found.append((path.stem, differences(preset, document)))
+    return min(found, key=lambda entry: len(entry[1]), default=("", []))
+
+
+def differences(preset: Mapping[str, Any], document: Mapping[str, Any]) -> list[Difference]:
+    """Keys with different values in the document's order, the ones it lacks at the end; lists are compared whole."""
+    theirs, ours = _flat(preset), _flat(document)
+    return [
+        Difference(key, theirs.get(key, _ABSENT), ours.get(key, _ABSENT))
+        for key in dict.fromkeys([*ours, *theirs])
+        if theirs.get(key) != ours.get(key) and key not in _OWN_KEYS
+    ]
+
+
+def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested mappings as dotted keys with values as text."""
+    flat: dict[str, str] = {}
+    for name, value in section.items():
+        if isinstance(value, Mapping) and value:
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = _text(value)
+    return flat
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_text(part) for part in value) + "]"
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "null"}[value]
+    return f"{value:g}" if isinstance(value, float) else str(value)
