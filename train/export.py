@@ -109,7 +109,7 @@ def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
 def to_onnx(actor: Actor, input_name: str) -> bytes:
     """The graph as bytes: input (n, Da) of that name, output ``action`` (n, J)."""
     buffer = io.BytesIO()
-    example = torch.zeros(1, _input_size(actor))
+    example = torch.zeros(1, actor.observation_size)
     with warnings.catch_warnings():
         # The tracing exporter is deprecated in favour of one that needs onnxscript; torch is pinned.
         warnings.simplefilter("ignore")
@@ -130,7 +130,7 @@ def verify(actor: Actor, graph: bytes, input_name: str) -> float:
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
     differences = []
-    for obs in _probes(_input_size(actor)):
+    for obs in _probes(actor.observation_size):
         with torch.no_grad():
             wanted = actor(obs).numpy()
         got = np.concatenate([session.run(None, {input_name: row[None].numpy()})[0] for row in obs])
@@ -140,10 +140,6 @@ def verify(actor: Actor, graph: bytes, input_name: str) -> float:
     if not worst <= TOLERANCE:
         raise ExportError(f"exported graph differs from the actor by {worst:.3g}, allowed {TOLERANCE:g}")
     return worst
-
-
-def _input_size(actor: Actor) -> int:
-    return actor.mlp.input_size
 
 
 def _probes(size: int) -> list[torch.Tensor]:

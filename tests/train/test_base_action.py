@@ -16,6 +16,8 @@ from train.base_action.feedback import _StanceGeometry
 from train.base_action.feedforward import feedforward_torques
 from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
 from train.environment.factory import build_environment
+from train.export import deployed, to_onnx, verify
+from train.learner.networks import Actor, Mlp
 
 ACTION_SCALE = 0.25
 
@@ -133,3 +135,31 @@ def test_gains_see_a_pure_tilt_through_gravity_and_feet():
     state = np.concatenate([shift, turn, joints, np.zeros(model.nv), np.zeros(23)])
     seen = np.concatenate([gravity_change, np.zeros(3), joints, np.zeros(23), np.zeros(23)])
     assert observed @ seen == pytest.approx(gain @ state, rel=1e-6, abs=1e-9)
+
+
+def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
+    """Halfway between two knots both are one half; on the nominal motion every deviation is zero."""
+    robot = g1()
+    reference = swaying_reference(robot, 1.0)  # 1 s: knots every 0.2 s, six of them
+    settings_ = BaseActionSettings(kind="feedforward", features=True)
+    base = build_base_action(settings_, robot, reference, ACTION_SCALE)
+    columns = ObservedColumns.of(robot)
+    observation = torch.zeros(1, 380)
+    tick = 35  # 0.7 s: between the knots at 0.6 and 0.8
+    for lag in range(len(columns.measured)):
+        row = base.deviation.reference[tick - lag, : columns.measured.shape[1]]
+        observation[0, columns.measured[lag]] = row * base.deviation.scale
+    observation[0, columns.action] = base.deviation.reference[tick, columns.measured.shape[1] :]
+    observation[0, columns.phase] = tick / 50
+    seen = base.features(observation)[0]
+    assert len(seen) == base.features.size == 6 + 75
+    assert seen[:6].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.5, 0.5, 0.0], abs=1e-5)
+    assert seen[6:].numpy() == pytest.approx(np.zeros(75), abs=1e-4)
+    observation[0, columns.action[0]] += 1.0
+    moved = base.features(observation)[0]
+    assert (moved - seen)[-23:].tolist() == pytest.approx([0.5] + [0.0] * 22, abs=1e-6)
+    mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
+    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base, features=base.features)
+    assert actor.observation_size == 380
+    graph = to_onnx(deployed(actor), "obs")
+    assert verify(deployed(actor), graph, "obs") <= 1e-5

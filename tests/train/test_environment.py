@@ -30,6 +30,15 @@ def test_observation_sizes_are_those_of_the_paper():
     assert (env.actor_obs_dim, env.critic_obs_dim, env.num_actions) == (380, 630, 23)
 
 
+def test_the_critic_may_see_the_phase_by_knots():
+    """One second: knots at 0, 0.2, ..., 1 s. After 15 ticks, 0.3 s, it is halfway between the second and the third."""
+    env = small_env(start=FIRST_FRAME, critic_phase_knots=True)
+    for _ in range(15):
+        observations = env.step(hold(env)).observations
+    assert env.critic_obs_dim == 630 + 6
+    assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
+
+
 def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
     env = small_env(start=FIRST_FRAME)
     for _ in range(49):

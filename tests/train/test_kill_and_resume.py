@@ -14,7 +14,14 @@ from policy.actor import load_actor
 from robot.robot import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
-OVERRIDES = ["motion=taichi", "iterations=8", "num_envs=16", "checkpoint_every=2", "learner.minibatches=2"]
+OVERRIDES = [
+    "motion=taichi",
+    "iterations=8",
+    "num_envs=16",
+    "checkpoint_every=2",
+    "learner.minibatches=2",
+    "base_action.aim=reference",
+]
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:

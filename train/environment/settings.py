@@ -103,7 +103,10 @@ class SimulationSettings:
 
 @dataclass(frozen=True)
 class EnvironmentSettings:
-    """The environment section of the training configuration."""
+    """The environment section of the training configuration.
+
+    ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too.
+    """
 
     rewards: dict[str, RewardTerm]
     observation_noise: dict[str, float]
@@ -113,6 +116,7 @@ class EnvironmentSettings:
     sigma_alpha: float = 1e-3
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
+    critic_phase_knots: bool = False
     penalty_step_max: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     push: PushSettings = field(default_factory=PushSettings)

@@ -58,7 +58,7 @@ class TrackingEnv:
         self._generators = [generator, simulator.generator]
         self._kinematics = Kinematics(robot)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
-        self._knots = num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S)
+        self._knots = num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
         self._allocate(robot)
         self._physics = simulator.state()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -106,7 +107,7 @@ class Actor(nn.Module):
         noise_std: (start, lowest, highest) standard deviation.
         base: optional module obs (..., Da) → action (..., J) without trained parameters.
         normalizer: optional normaliser of the observation that the network sees (not of the base's).
-        features: optional module obs (B, Da) → (B, F) of further inputs of the network, without trained parameters.
+        features: optional module obs (B, Da) → (B, F = ``size``) of further inputs of the network; nothing is trained.
     """
 
     def __init__(
@@ -123,6 +124,11 @@ class Actor(nn.Module):
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
         self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start)))
+
+    @property
+    def observation_size(self) -> int:
+        """Da: the network's inputs without the features."""
+        return self.mlp.input_size - (0 if self.features is None else cast(int, self.features.size))
 
     def inputs(self, obs: Tensor) -> Tensor:
         """What the network sees of obs (..., Da)."""
