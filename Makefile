@@ -22,7 +22,7 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 test: install lint  ## linters, types, import rules, tests
 	$(RUN) pytest
 
-test-wires:  ## the whole conformance suite on every wire, 15 minutes
+test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
 	$(RUN) pytest tests/hal/conformance --all-wires
 
 lint: install  ## ruff, mypy, import-linter

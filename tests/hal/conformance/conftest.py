@@ -8,37 +8,47 @@ from pathlib import Path
 import pytest
 
 from hal.open import WIRES
-from tests.hal.conformance.rigs import Emulators, emulators, rig_names
+from tests.hal.conformance.rigs import GRACE_S, Emulators, emulators
 
 PRIORITY = 10
+SHARED_GRACE_S = 1.0
+
+
+# What is shown of a wire without --all-wires: that every exit ends in damping, and whose joint is whose.
+ALWAYS = ("test_exits.py", "test_mapping.py")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Real time is dear: without --all-wires each trial runs on one of the rigs that keep it, by turns.
-
-    What ends a run (test_exits) is tried on every wire always.
-    """
+    """Real time is dear, and a shared machine is late: most trials on a wire need --all-wires and a quiet machine."""
     if config.getoption("--all-wires"):
         return
+    mine = [item for item in items if item.path.parent == Path(__file__).parent]
     turns: dict[str, int] = {}
-    dropped = []
-    for item in items:
-        if item.path.parent == Path(__file__).parent and item.path.name != "test_exits.py" and _waits(item, turns):
-            dropped.append(item)
-    config.hook.pytest_deselected(items=dropped)
-    items[:] = [item for item in items if item not in set(dropped)]
+    dropped = {item for item in mine if _on_a_wire(item) and (item.path.name not in ALWAYS or _waits(item, turns))}
+    config.hook.pytest_deselected(items=[item for item in items if item in dropped])
+    items[:] = [item for item in items if item not in dropped]
+
+
+def _on_a_wire(item: pytest.Item) -> bool:
+    return any(value in WIRES for value in _values(item))
 
 
 def _waits(item: pytest.Item, turns: dict[str, int]) -> bool:
-    """Whether it is the turn of another rig that keeps real time."""
-    values = [str(value) for value in item.callspec.params.values()] if hasattr(item, "callspec") else []
-    punctual = [name for name in rig_names() if name in WIRES or name.startswith("fake-wire")]
-    rigs = punctual if item.path.name == "test_lifecycle.py" else list(WIRES)
-    mine = next((value for value in values if value in rigs), None)
-    if mine is None:
+    """Whether it is another wire's turn: each trial of the mapping takes one of them."""
+    if item.path.name != "test_mapping.py":
         return False
-    turn = turns.setdefault(item.nodeid.replace(mine, "*"), len(turns))
-    return rigs[turn % len(rigs)] != mine
+    (wire,) = set(_values(item)) & set(WIRES)
+    return list(WIRES)[turns.setdefault(item.nodeid.replace(wire, "*"), len(turns)) % len(WIRES)] != wire
+
+
+def _values(item: pytest.Item) -> list[str]:
+    return [str(value) for value in item.callspec.params.values()] if hasattr(item, "callspec") else []
+
+
+@pytest.fixture(scope="session")
+def grace_s(request: pytest.FixtureRequest) -> float:
+    """By how much a shared machine may be late; the strict bound belongs to --all-wires."""
+    return GRACE_S if request.config.getoption("--all-wires") else SHARED_GRACE_S
 
 
 @pytest.fixture(scope="session")

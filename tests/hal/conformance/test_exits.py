@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 from hal.open import WIRES
-from tests.hal.conformance.rigs import GRACE_S, Emulators, wait_until
+from tests.hal.conformance.rigs import Emulators, wait_until
 from tests.hal.rigs import PERIOD_S
 
 ROOT = Path(__file__).resolve().parents[3]
 # 3 control periods and one cycle of the wire.
 DEADLINE_S = 4 * PERIOD_S
+ATTEMPTS = 3
 
 
 class LoopOnWire:
@@ -28,14 +29,27 @@ class LoopOnWire:
         self._call = [sys.executable, "-m", "tests.hal.conformance.loop_process", wire]
 
     def start(self, end: str = "never") -> subprocess.Popen[str]:
-        call = [*self._call, json.dumps(self.emulator.endpoints), end]
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen(call, cwd=ROOT, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
-        assert self.process.stdin is not None and self.process.stdout is not None
-        assert self.process.stdout.readline() == "open\n", self.process.stderr.read()  # type: ignore[union-attr]
+        """A loop that drives every motor. Opening asks each of them in turn, so a busy machine may need another try."""
+        for _ in range(ATTEMPTS):
+            self._launch(end)
+            if self._opened():
+                break
+            self.stop()
+        assert self.process.stdin is not None and self.process.poll() is None, self.complaint
         wait_until(lambda: self.modes() == {"driven"}, 20.0)
         self.process.stdin.close()
         return self.process
+
+    def _launch(self, end: str) -> None:
+        call = [*self._call, json.dumps(self.emulator.endpoints), end]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(call, cwd=ROOT, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+
+    def _opened(self) -> bool:
+        assert self.process.stdout is not None and self.process.stderr is not None
+        opened = self.process.stdout.readline() == "open\n"
+        self.complaint = "" if opened else self.process.stderr.read()
+        return opened
 
     def modes(self) -> set[str]:
         return set(self.emulator.control.status()["mode"].values())
@@ -73,30 +87,30 @@ def loop(wire: str, running: Emulators) -> Iterator[LoopOnWire]:
     made.stop()
 
 
-def test_kill_of_the_loop(loop: LoopOnWire) -> None:
+def test_kill_of_the_loop(loop: LoopOnWire, grace_s: float) -> None:
     process = loop.start()
     process.kill()
     killed_s = time.monotonic()
-    assert loop.damped_after_s(killed_s) < DEADLINE_S + GRACE_S
+    assert loop.damped_after_s(killed_s) < DEADLINE_S + grace_s
     wait_until(lambda: loop.modes() == {"slack"})
 
 
-def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire) -> None:
+def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire, grace_s: float) -> None:
     process = loop.start()
     process.send_signal(signal.SIGSTOP)
     frozen_s = time.monotonic()
-    assert loop.damped_after_s(frozen_s) < DEADLINE_S + GRACE_S
+    assert loop.damped_after_s(frozen_s) < DEADLINE_S + grace_s
     process.send_signal(signal.SIGCONT)
     time.sleep(0.3)
     assert loop.modes() == {"damped"}
 
 
 @pytest.mark.parametrize("end", ["raise", "close"])
-def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end: str) -> None:
+def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end: str, grace_s: float) -> None:
     process = loop.start(end)
     assert process.stdout is not None
     ended_s = float(process.stdout.readline())
-    assert loop.damped_after_s(ended_s) < DEADLINE_S + GRACE_S
+    assert loop.damped_after_s(ended_s) < DEADLINE_S + grace_s
     assert process.wait(10) == (1 if end == "raise" else 0)
     assert loop.modes() == {"slack"}
 
