@@ -15,9 +15,11 @@ from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
 from sim2sim.progress import Progress
 from sim2sim.request import Request
+from sim2sim.stress import load_conditions, stress, stress_document, stress_table
 from sim2sim.table import format_table
 
 Writer = Callable[[Evaluation], None]
+SET_BY_CONDITIONS = ("sim", "friction", "delay", "push", "episodes", "randomize", "video", "report")
 
 
 def build_parser() -> ArgumentParser:
@@ -35,6 +37,7 @@ def build_parser() -> ArgumentParser:
     add("--push", type=_number, metavar="V", help="kick of V m/s every 5 s")
     add("--episodes", type=_positive, default=1, metavar="N", help="how many of each actor (default 1)")
     add("--randomize", action="store_true", help="robot, ground, delay, pushes and sensor noise differ by episode")
+    add("--stress", action="store_true", help="a row for each condition of configs/evaluate/stress.yaml")
     add("--seed", type=_count, default=0, metavar="S", help="the same seed gives the same numbers (default 0)")
     add("--json", type=path_argument, metavar="F", help="write the scores")
     add("--video", type=path_argument, metavar="F", help="first episode of each actor beside the reference, MP4")
@@ -70,8 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_output_folder("--report", options.report)
         if options.meshes is not None:
             check_meshes(load_robot(), options.meshes)
-        writers = _writers(options)
-        _run(request_of(options), writers)
+        if options.stress:
+            _stress(options)
+        else:
+            _run(request_of(options), _writers(options))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -83,12 +88,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(request: Request, writers: Sequence[Writer]) -> None:
+def _stress(options: argparse.Namespace) -> None:
+    """Every condition; its own options decide, and the rest would contradict them."""
+    usual = build_parser().parse_args(["--policy", options.policy[0]])
+    for name in SET_BY_CONDITIONS:
+        if getattr(options, name) != getattr(usual, name):
+            option = "--" + name.replace("_", "-")
+            raise InputError(f"{option} does not go with --stress", hint="the conditions of the table say it")
+    rows = stress(request_of(options), load_conditions(), _played)
+    print(stress_table(rows))
+    if options.json:
+        write_json(options.json, stress_document(rows))
+
+
+def _played(request: Request) -> Evaluation:
     player = Player(request)
     progress = Progress(request.episodes * len(request.policies))
-    started_s = time.monotonic()
     evaluation = evaluate(player, progress)
     progress.end()
+    return evaluation
+
+
+def _run(request: Request, writers: Sequence[Writer]) -> None:
+    started_s = time.monotonic()
+    evaluation = _played(request)
     print(f"{request.episodes} episodes each, simulation {request.sim}, {time.monotonic() - started_s:.1f} s")
     print(format_table([run.document for run in evaluation.runs], [run.name for run in evaluation.runs]))
     print(*evaluation.remarks(), sep="\n")
