@@ -1,6 +1,5 @@
 """The command `deploy/run`."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
@@ -13,7 +12,7 @@ from deploy.report import RunReport, summary
 from deploy.session import run_session
 from hal.open import BACKENDS
 from hal.types import DeviceError
-from robot.arguments import ArgumentParser, path_argument
+from robot.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
 from robot.errors import InputError
 
 DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
@@ -101,8 +100,8 @@ def _parser() -> ArgumentParser:
     add("--sim", default="default", metavar="default|reference|FILE")
     add("--sim-model", type=path_argument, metavar="FILE", help="simulate this MJCF instead of the robot's own")
     add("--start", default="stand", choices=[start.value for start in Start])
-    add("--start-noise", type=_not_negative, default=0.0, metavar="RAD", help="std added to each joint at the start")
-    add("--duration", type=_positive, metavar="S", help="damp and end after this long")
+    add("--start-noise", type=number_argument, default=0.0, metavar="RAD", help="std added to each joint at the start")
+    add("--duration", type=positive_argument, metavar="S", help="damp and end after this long")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
@@ -112,7 +111,7 @@ def _parser() -> ArgumentParser:
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
     add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
-    add("--seed", type=_seed, default=0, metavar="S")
+    add("--seed", type=count_argument, default=0, metavar="S")
     return parser
 
 
@@ -122,29 +121,6 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     add("--emulate", action="store_true", help="start the wire's other end as well: a simulated robot, real frames")
     add("--fault", action="append", default=[], metavar="FAULT", help="with --emulate, see hal/emulate --help")
     add("--interface", metavar="IF", help="network interface of --backend dds")
-    add("--domain", type=_seed, metavar="N", help="DDS domain")
+    add("--domain", type=count_argument, metavar="N", help="DDS domain")
     add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
     add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run")
-
-
-def _positive(text: str) -> float:
-    value = _not_negative(text)
-    if value == 0.0:
-        raise argparse.ArgumentTypeError(f"got {text}, expected a number above 0")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"got {text}, expected a finite number from 0 up")
-    return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
-    return int(text)

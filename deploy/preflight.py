@@ -11,11 +11,13 @@ from deploy.actor_run import ActorRun
 from deploy.settings import PreflightSettings
 from hal.backend import Backend
 from hal.clock import Clock
-from hal.types import DeviceError, DeviceInfo, NoState, RobotState
+from hal.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
 from robot.robot import Robot
 from robot.rotations import projected_gravity
 
 GRAVITY_M_S2 = 9.81
+# A link may be lost for so long while nothing is energised yet: a computer that starts is busy.
+GAP_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,15 +45,14 @@ def run_preflight(
 ) -> list[Check]:
     """Read states and judge them. at_rest: whether the robot is supported and still, so that gravity can be judged."""
     settle, keep = (round(settings.settle_s / backend.control_period_s), settings.samples) if at_rest else (0, 1)
-    states = _read_states(backend, clock, settings.state_wait_s, settle, keep)
-    checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors)]
+    states, gaps_s = _read_states(backend, clock, settings.state_wait_s, settle, keep)
+    checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors), _link_line(gaps_s)]
     checks += [_check_rate(states, backend.control_period_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
     if at_rest:
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
-    watchdog = "damps by itself" if info.has_watchdog else "none: only the loop can damp"
     details = [Check(name, True, value) for name, value in info.details.items()]
-    return [*checks, Check("device watchdog", True, watchdog), *details]
+    return [*checks, Check("device watchdog", True, info.watchdog or "none: only this computer can damp"), *details]
 
 
 def table(checks: Sequence[Check]) -> str:
@@ -67,20 +68,39 @@ def require(checks: Sequence[Check], what: str = "preflight") -> None:
         raise Refused(f"{what} refused: {'; '.join(failed)}")
 
 
-def _read_states(backend: Backend, clock: Clock, wait_s: float, settle: int, keep: int) -> list[RobotState]:
-    """One state per control period: waits for the first, lets the robot settle, keeps the rest. Raises DeviceError."""
-    start_s = clock.now_s()
+def _read_states(
+    backend: Backend, clock: Clock, wait_s: float, settle: int, keep: int
+) -> tuple[list[RobotState], list[float]]:
+    """One state per control period: waits for the first, lets the robot settle, keeps the rest. Raises DeviceError.
+
+    A link that is lost for less than 0.5 s begins the settling anew; second, how long it was lost each time (s).
+    """
+    start_s = heard_s = clock.now_s()
     states: list[RobotState] = []
+    gaps_s: list[float] = []
+    lost = False
     for tick in itertools.count(1):
+        now_s = clock.now_s()
         try:
             states.append(backend.read())
-        except NoState:
-            if clock.now_s() - start_s > wait_s:
+            if lost:
+                gaps_s.append(now_s - heard_s)
+            heard_s, lost = now_s, False
+        except (NoState, LinkLost) as error:
+            lost = isinstance(error, LinkLost)
+            if now_s - start_s > wait_s or (lost and now_s - heard_s > GAP_S):
                 raise
+            states.clear()
         if len(states) >= settle + max(1, keep):
             break
         clock.sleep_until(start_s + tick * backend.control_period_s)
-    return states[settle:]
+    return states[settle:], gaps_s
+
+
+def _link_line(gaps_s: Sequence[float]) -> Check:
+    if not gaps_s:
+        return Check("link", True, "steady")
+    return Check("link", True, f"lost {len(gaps_s)}x, for {1e3 * max(gaps_s):.0f} ms at most, then steady")
 
 
 def _check_names(info: DeviceInfo, robot: Robot) -> Check:

@@ -1,6 +1,5 @@
 """The command `deploy/replay`: a log's states through an actor again, and the first term that comes out otherwise."""
 
-import argparse
 import json
 import math
 import sys
@@ -19,7 +18,7 @@ from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
 from policy.observation import term_dims
 from policy.spec import ActorSpec
-from robot.arguments import ArgumentParser, path_argument
+from robot.arguments import ArgumentParser, number_argument, path_argument
 from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
@@ -107,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
     parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE")
     parser.add_argument(
-        "--tolerance", type=_tolerance, default=1e-5, metavar="T", help="largest difference of a term that is none"
+        "--tolerance", type=number_argument, default=1e-5, metavar="T", help="largest difference of a term that is none"
     )
     try:
         given = parser.parse_args(arguments)
@@ -126,16 +125,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT
-
-
-def _tolerance(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"got {text}, expected a finite number from 0 up")
-    return value
 
 
 def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput) -> Iterator[tuple[str, float, float]]:

@@ -174,6 +174,8 @@ class JointMap:
 
         That is a motor that lost its count (power-cycled, or wrapped round the end of its range).
         """
+        if ((pos_rad >= lower_rad) & (pos_rad <= upper_rad)).all():  # as a rule: spare the rest, in every round
+            return np.zeros(len(pos_rad), dtype=bool)
         away = _turns_away(pos_rad, lower_rad, upper_rad, self.turn_rad)
         found_rad = pos_rad + away * self.turn_rad
         return may_fold & (away != 0) & (found_rad >= lower_rad) & (found_rad <= upper_rad)

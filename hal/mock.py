@@ -65,7 +65,7 @@ class MockBackend(ClosesByDamping):
             "joints": f"ideal, lag {self.options.joint_lag_s * 1e3:g} ms",
             "faults": str(len(self.options.faults)),
         }
-        return DeviceInfo("mock", self.robot.joint_names, has_watchdog=True, details=details)
+        return DeviceInfo("mock", self.robot.joint_names, watchdog="damps by itself", details=details)
 
     def reset_to(
         self,

@@ -94,7 +94,7 @@ class MujocoBackend(ClosesByDamping):
             "model": str(self._sim_model or self.robot.name),
             "band": "attached" if self.band_attached else "none",
         }
-        return DeviceInfo("mujoco", self.robot.joint_names, has_watchdog=True, details=details)
+        return DeviceInfo("mujoco", self.robot.joint_names, watchdog="damps by itself", details=details)
 
     def hang(self, joint_pos_rad: np.ndarray | None = None, *, rng: np.random.Generator | None = None) -> None:
         """Begin an episode slack in the band, feet on the ground, in a joint pose (J,) (None: the default pose)."""

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 
 PRIORITY = 50
 WIRE_PRIORITY = 60
+EMULATOR_PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
 
@@ -43,10 +44,11 @@ def no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def schedule(priority: int = PRIORITY) -> str:
-    """SCHED_FIFO for the calling thread; says what was granted."""
+def schedule(priority: int = PRIORITY, *, inherited: bool = False) -> str:
+    """SCHED_FIFO for the calling thread, and with `inherited` for those that it starts; says what was granted."""
+    policy = os.SCHED_FIFO if inherited else os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
     except OSError as error:
         return f"no SCHED_FIFO ({error.strerror})"
     return f"SCHED_FIFO, priority {priority}"

@@ -116,11 +116,11 @@ def damping_command(damping_kd: np.ndarray) -> JointCommand:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What `open()` found. has_watchdog: the device itself damps or releases when commands stop."""
+    """What `open()` found. watchdog: what the device does by itself when commands stop, in words; empty: nothing."""
 
     name: str
     joint_names: tuple[str, ...]
-    has_watchdog: bool
+    watchdog: str = ""
     details: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -189,7 +189,8 @@ def _checked_array(name: str, value: Any, width: int) -> np.ndarray:
 
 
 def _check_ranges(clip: Clip) -> None:
-    norms = np.linalg.norm(clip.root_quat_wxyz, axis=1)
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(clip.root_quat_wxyz, axis=1)
     checks = (
         ("root_quat_wxyz", np.abs(norms - 1.0) <= QUAT_TOLERANCE, "unit quaternions in order w, x, y, z"),
         ("contact", ((clip.contact >= 0.0) & (clip.contact <= 1.0)).all(axis=1), "values from 0 to 1"),

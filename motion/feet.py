@@ -34,23 +34,24 @@ def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
     return np.where(touching, -lowest, np.maximum(0.0, -lowest))
 
 
-def contact_mask(foot_pos_w: np.ndarray, fps: float) -> np.ndarray:
+def contact_mask(foot_pos_w: np.ndarray, fps: float, max_height_m: float = MAX_ANKLE_HEIGHT_M) -> np.ndarray:
     """Eq. 2: 1 where a foot's squared way over the next 1/30 s is below 0.002 m² and its ankle below 0.2 m, else 0.
 
     foot_pos_w (N,2,3) m at `fps` -> (N,2). The rule is evaluated over 1/30 s whatever the fps; the last frames, with
-    less than 1/30 s to come, take the last 1/30 s (a clip that is shorter scales its way up).
+    less than 1/30 s to come, take the last 1/30 s (a clip that is shorter scales its way up). `max_height_m` stands in
+    for the 0.2 m, which are for a human's ankle.
     """
     num_frames = len(foot_pos_w)
     last = num_frames - 1.0
     window = min(fps / CONTACT_RULE_FPS, last)
     start = np.minimum(np.arange(num_frames, dtype=np.float64), last - window)
-    way = _between(foot_pos_w, start + window) - _between(foot_pos_w, start)
+    way = at_frames(foot_pos_w, start + window) - at_frames(foot_pos_w, start)
     way = way * (fps / CONTACT_RULE_FPS / window)
     slow = (way**2).sum(axis=-1) < MAX_SQUARED_STEP_M2
-    return (slow & (foot_pos_w[..., 2] < MAX_ANKLE_HEIGHT_M)).astype(np.float64)
+    return (slow & (foot_pos_w[..., 2] < max_height_m)).astype(np.float64)
 
 
-def _between(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
+def at_frames(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """`values` (N, ...) at fractional `frames`, linear."""
     first = np.minimum(frames.astype(np.int64), len(values) - 2)
     part = (frames - first).reshape(-1, *[1] * (values.ndim - 1))

@@ -2,17 +2,15 @@
 
 from pathlib import Path
 
-from motion.clip import Clip, clip_from_bytes
-from motion.importers.csv29 import DEFAULT_FPS, read_csv29
-from motion.importers.pbhc_pkl import read_pbhc
+from motion.clip import Clip
+from motion.formats import FORMATS, HUMAN_FORMATS, format_of
 from motion.npz import read_file
-from motion.reference import joint_columns
+from motion.read import read_clip
 from robot.errors import InputError
 from robot.robot import Robot
 
 CLIPS = Path(__file__).resolve().parent / "clips"
-FORMATS = "kata clip (.npz), PBHC motion (.pkl) or 29-joint CSV"
-_ENDINGS = (".npz", ".pkl", ".csv")
+_ENDINGS = (".npz", ".pkl", ".csv", ".bvh", ".pt")
 
 
 def bundled_names() -> tuple[str, ...]:
@@ -20,26 +18,19 @@ def bundled_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in CLIPS.glob("*.npz")))
 
 
-def open_motion(name_or_file: str | Path, robot: Robot, *, csv_fps: float = DEFAULT_FPS) -> Clip:
-    """The bundled clip of that name, or the motion in that file: a kata clip, a PBHC .pkl or a 29-joint CSV.
+def open_motion(name_or_file: str | Path, robot: Robot, *, csv_fps: float | None = None) -> Clip:
+    """The bundled clip of that name, or the robot's motion in that file, its format told by the content.
 
-    The format is told by the content. The clip's joints are those of `robot`, in whatever order. `csv_fps` is the frame
-    rate of a CSV, which does not say. Raises InputError: no such clip or file, unknown format, damaged, other joints.
+    The clip's joints are those of `robot`, in whatever order. `csv_fps` is the frame rate of a CSV, which does not say.
+    Raises InputError: no such clip or file, unknown format, damaged, other joints, or the motion of a human.
     """
     path = _find(name_or_file)
     content = read_file(path)
-    if not content:
-        raise InputError("empty file", where=path, expected=FORMATS)
-    if content[:2] == b"PK":
-        clip = clip_from_bytes(content, where=str(path))
-    elif content[:1] == b"\x80" or path.suffix == ".pkl":
-        clip = read_pbhc(content, where=str(path))
-    elif path.suffix == ".npz" or b"\0" in content:
-        raise InputError("unknown or damaged format", where=path, expected=FORMATS)
-    else:
-        clip = read_csv29(content, str(path), robot, csv_fps)
-    joint_columns(clip, robot, where=str(path))
-    return clip
+    kind = format_of(content, path)
+    if kind in HUMAN_FORMATS:
+        hint = f"retarget it first: motion/process --input {path}"
+        raise InputError("is a human's motion", where=path, got=kind.value, expected="a motion of the robot", hint=hint)
+    return read_clip(content, kind, str(path), robot, csv_fps)
 
 
 def _find(name_or_file: str | Path) -> Path:

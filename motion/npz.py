@@ -1,9 +1,10 @@
-"""Reads .npz bytes from strangers: nothing executed, nothing allocated that the file does not really hold."""
+"""Reads .npz (and other zip) bytes from strangers: nothing executed, nothing allocated that they do not really hold."""
 
 import io
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from robot.errors import InputError
 
 MAX_FILE_BYTES = 256 * 2**20
+MAX_TEXT = 200  # characters of what another library says
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, struct.error)
 
@@ -29,25 +31,55 @@ def read_file(path: str | Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
         raise InputError("cannot be read", where=path, got=error.strerror or error) from error
 
 
-def read_npz(content: bytes, where: str) -> dict[str, np.ndarray]:
-    """Every array (numbers or text) of an .npz by field name. Raises InputError naming `where` and the field."""
+def read_npz(content: bytes, where: str, only: frozenset[str] | None = None) -> dict[str, np.ndarray]:
+    """Every array (numbers or text) of an .npz by field name, or `only` those fields; others are not even unpacked.
+
+    Raises InputError naming `where` and the field.
+    """
     if not content:
         raise InputError("empty file", where=where, expected="a motion clip (.npz)")
-    arrays: dict[str, np.ndarray] = {}
+    wanted = (lambda _: True) if only is None else (lambda name: name.removesuffix(".npy") in only)
+    return {
+        name.removesuffix(".npy"): _read_npy(member, f"{where}: {name.removesuffix('.npy')}")
+        for name, member in zip_members(content, where, wanted)
+    }
+
+
+def zip_names(content: bytes, where: str) -> list[str]:
+    """Names of the members of a zip archive. Raises InputError naming `where`."""
+    return [name for name, _ in _opened(content, where, lambda _: False)]
+
+
+def zip_members(content: bytes, where: str, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+    """Name and bytes of the members that are `wanted`, at most MAX_FILE_BYTES in all, each name once.
+
+    Raises InputError naming `where` and the member before anything too large is unpacked.
+    """
+    return ((name, member) for name, member in _opened(content, where, wanted) if member is not None)
+
+
+def _opened(content: bytes, where: str, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes | None]]:
+    """Every member's name, with its bytes where it is wanted."""
+    seen: set[str] = set()
     budget = MAX_FILE_BYTES
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             for info in archive.infolist():
-                name = info.filename.removesuffix(".npy")
+                if not wanted(info.filename):
+                    yield info.filename, None
+                    continue
                 budget -= info.file_size
-                _check_member(info, f"{where}: {name}", seen=name in arrays, budget=budget)
+                name = info.filename.removesuffix(".npy")
+                _check_member(info, f"{where}: {name}", seen=name in seen, budget=budget)
+                seen.add(name)
                 with archive.open(info) as member:
-                    arrays[name] = _read_npy(member.read(info.file_size), f"{where}: {name}")
+                    yield info.filename, member.read(info.file_size)
     except InputError:
         raise
     except (*_DAMAGE, EOFError, OSError, RuntimeError, ValueError) as error:
-        raise InputError("damaged or not an .npz", where=where, got=error, expected="a motion clip (.npz)") from error
-    return arrays
+        raise InputError(
+            "damaged archive", where=where, got=str(error)[:MAX_TEXT], expected="a complete .npz or .pt file"
+        ) from error
 
 
 def _check_member(info: zipfile.ZipInfo, where: str, *, seen: bool, budget: int) -> None:
@@ -70,8 +102,8 @@ def _read_npy(content: bytes, where: str) -> np.ndarray:
         else:
             shape, fortran, dtype = np.lib.format.read_array_header_2_0(stream)
     except Exception as error:  # NumPy's header parser raises many kinds; every one means the same to the user
-        raise InputError("damaged array header", where=where, got=error, expected=expected) from error
-    if dtype.hasobject or dtype.kind not in "fiuU" or not dtype.itemsize:
+        raise InputError("damaged array header", where=where, got=str(error)[:MAX_TEXT], expected=expected) from error
+    if dtype.hasobject or dtype.kind not in "fiuUS" or not dtype.itemsize:
         raise InputError("type not allowed", where=where, got=f"type {dtype}", expected="numbers or text")
     count = 1
     for length in shape:
@@ -85,7 +117,7 @@ def _read_npy(content: bytes, where: str) -> np.ndarray:
     try:
         return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")
     except (ValueError, OverflowError) as error:
-        raise InputError("damaged array", where=where, got=error) from error
+        raise InputError("damaged array", where=where, got=str(error)[:MAX_TEXT]) from error
 
 
 def _is_text(codes: np.ndarray) -> bool:

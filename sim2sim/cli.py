@@ -1,13 +1,18 @@
 """The command `sim2sim/evaluate`: options in, table, JSON, video and report out."""
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Callable, Sequence
 
 from deploy.outputs import check_output_file, check_output_folder, write_json
-from robot.arguments import ArgumentParser, path_argument
+from robot.arguments import (
+    ArgumentParser,
+    count_argument,
+    number_argument,
+    path_argument,
+    positive_count_argument,
+)
 from robot.errors import InputError
 from robot.mjcf import check_meshes
 from robot.robot import load_robot
@@ -31,14 +36,20 @@ def build_parser() -> ArgumentParser:
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
     add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")
-    add("--start-noise", type=_number, default=0.0, metavar="RAD", help="std of a normal added to each joint position")
-    add("--friction", type=_number, metavar="F", help="sliding friction of every contact")
-    add("--delay", type=_number, metavar="MS", help="targets reach the motors this much later")
-    add("--push", type=_number, metavar="V", help="kick of V m/s every 5 s")
-    add("--episodes", type=_positive, default=1, metavar="N", help="how many of each actor (default 1)")
+    add(
+        "--start-noise",
+        type=number_argument,
+        default=0.0,
+        metavar="RAD",
+        help="std of a normal added to each joint position",
+    )
+    add("--friction", type=number_argument, metavar="F", help="sliding friction of every contact")
+    add("--delay", type=number_argument, metavar="MS", help="targets reach the motors this much later")
+    add("--push", type=number_argument, metavar="V", help="kick of V m/s every 5 s")
+    add("--episodes", type=positive_count_argument, default=1, metavar="N", help="how many of each actor (default 1)")
     add("--randomize", action="store_true", help="robot, ground, delay, pushes and sensor noise differ by episode")
     add("--stress", action="store_true", help="a row for each condition of configs/evaluate/stress.yaml")
-    add("--seed", type=_count, default=0, metavar="S", help="the same seed gives the same numbers (default 0)")
+    add("--seed", type=count_argument, default=0, metavar="S", help="the same seed gives the same numbers (default 0)")
     add("--json", type=path_argument, metavar="F", help="write the scores")
     add("--video", type=path_argument, metavar="F", help="first episode of each actor beside the reference, MP4")
     add("--report", type=path_argument, metavar="DIR", help="write report.html: scores, plots, pictures")
@@ -139,26 +150,3 @@ def _writers(options: argparse.Namespace) -> list[Writer]:
         hint = "run make install, or pip install -e '.[view]'"
         raise InputError("pictures need a package that is not installed", got=error.name, hint=hint) from error
     return writers
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"got {text}, expected a number from 0 up")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    value = _count(text)
-    if value == 0:
-        raise argparse.ArgumentTypeError("got 0, expected a whole number from 1 up")
-    return value

@@ -110,8 +110,8 @@ class Runner:
         return actor
 
     def policy(self) -> Policy:
-        """The mean action of the present weights, as deployed."""
-        actor = deployed(self._learner.actor)
+        """The mean action of the averaged weights, as deployed."""
+        actor = self.actor_with(self._learner.average.weights)
 
         @torch.no_grad()
         def act(observations: torch.Tensor) -> torch.Tensor:
@@ -174,7 +174,7 @@ class Runner:
         return max(0.0, min(by_time, by_count))
 
     def _evaluate(self) -> dict[str, float]:
-        """Judge the present weights and keep them if they are the best."""
+        """Judge the averaged weights and keep them if they are the best."""
         if self._evaluator is None:
             return {}
         begun_s = time.monotonic()
@@ -186,7 +186,7 @@ class Runner:
         return row | {"time/evaluate_s": time.monotonic() - begun_s}
 
     def _weights(self) -> dict[str, torch.Tensor]:
-        return {name: value.detach().clone() for name, value in self._learner.actor.state_dict().items()}
+        return {name: value.clone() for name, value in self._learner.average.weights.items()}
 
     def _is_finished(self) -> bool:
         minutes, iterations = self._budget.minutes, self._budget.iterations

@@ -34,15 +34,21 @@ def write_png(path: Path | str, picture: np.ndarray) -> None:
     """Write (H, W, 3) uint8. Raises InputError on a missing folder or a name that does not end in .png."""
     path = Path(path)
     check_output_path(path, (".png",))
+    content = png_bytes(picture, where=str(path))
+    with written_whole(path) as partial:
+        partial.write_bytes(content)
+
+
+def png_bytes(picture: np.ndarray, where: str = "picture") -> bytes:
+    """The .png file of a picture (H, W, 3) uint8. Raises InputError naming `where` when it is none."""
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise InputError("picture", where=path, got=f"{picture.shape} {picture.dtype}", expected="(H, W, 3) uint8")
+        raise InputError("picture", where=where, got=f"{picture.shape} {picture.dtype}", expected="(H, W, 3) uint8")
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each line begins with filter 0: bytes as they are
     lines[:, 1:] = picture.reshape(height, -1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b""))
-    with written_whole(path) as partial:
-        partial.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks)
 
 
 def _chunk(kind: bytes, body: bytes) -> bytes:

@@ -12,6 +12,7 @@ from hal.can.bus import CanBus
 from hal.can.codec import Feedback, MotorCommand
 from hal.can.robot_file import RobotFile
 from hal.can.setup import commanded_by_others, prepare, switch_off, switch_on
+from hal.can.talk import ask
 from hal.types import DeviceError, JointCommand
 from robot.errors import InputError
 from robot.robot import Robot
@@ -87,7 +88,7 @@ class Bench:
 
     def read(self) -> JointReading:
         """Where the joint is, the servo being off. Raises DeviceError where it is silent."""
-        answer = self._bus.ask(self._motor, self._motor.codec.request_state(), _has_position)
+        answer = ask(self._bus, self._motor, self._motor.codec.request_state(), _has_position)
         if answer is None:
             raise DeviceError(f"{self._motor.name}: silent")
         return self._reading()
@@ -119,7 +120,7 @@ class Bench:
 
     def set_zero_in_motor(self) -> None:
         """Make the present position the servo's own zero, the servo being off."""
-        self._bus.ask(self._motor, self._motor.codec.set_zero(), lambda _: True, tries=1)
+        ask(self._bus, self._motor, self._motor.codec.set_zero(), lambda _: True, tries=1)
 
     @property
     def last(self) -> JointReading:
@@ -142,8 +143,8 @@ class Bench:
         joint = JointCommand(*(np.array([value]) for value in (target_rad, 0.0, kp, self._kd, 0.0)))
         raw = self._bus.map.raw_command(joint, np.array([0]))
         command = MotorCommand(*(float(values[0]) for values in (raw.q_rad, raw.dq_rad_s, raw.kp, raw.kd, raw.tau_nm)))
-        answer = self._bus.ask(
-            self._motor, self._motor.codec.command(command), _has_position, tries=LOST_ROUNDS if kp else 1
+        answer = ask(
+            self._bus, self._motor, self._motor.codec.command(command), _has_position, tries=LOST_ROUNDS if kp else 1
         )
         if kp and (answer is None or self._motor.faults or self._motor.drive_on is False):
             reason = ", ".join(self._motor.faults) or ("silent" if answer is None else "it has switched itself off")

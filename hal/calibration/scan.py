@@ -58,8 +58,7 @@ def scan_bus(bus: BusEntry, codecs: Iterable[type[Codec]], ids: Iterable[int]) -
         _listen(link, asked, LISTEN_S, found)
         for motor_id in ids:
             for codec in asked:
-                for frame in codec.probe(motor_id, HOST_IDS.get(codec.name, 0)):
-                    link.send(frame)
+                link.send(codec.probe(motor_id, HOST_IDS.get(codec.name, 0)))
                 _listen(link, asked, ANSWER_S, found)
         _listen(link, asked, LISTEN_S, found)
     finally:

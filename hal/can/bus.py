@@ -3,11 +3,12 @@
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from hal.can.codec import Feedback, Message, MotorCommand
+from hal.can.bus_load import MAX_LOAD, bus_load
+from hal.can.codec import Feedback, MotorCommand
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
 from hal.can.link import Link
@@ -21,19 +22,16 @@ from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox, Outgoing
 from robot.robot import Robot
 
-COLLECT_SHARE = 0.5
 REOPEN_S = 0.5
 SILENT_S = 0.5
-YIELD_S = 0.002
-PATIENCE_S, BRIEF_S = 0.1, 0.003
 
 
 class CanBus:
-    """N motors on one bus, in the order of the file. Rounds run in one thread, conversations in another.
+    """N motors on one bus, in the order of the file. Rounds run in one thread; in another, `hal.can.talk`.
 
-    A round sends to all, then collects until all have answered or half the period is over. Answers are told apart by
-    their arbitration id; one that comes later counts in the next round, with its true age. A motor that is silent costs
-    nothing but its own news.
+    A round sends to all, sleeps while the wire is busy, then collects until all have answered or 80 % of the period are
+    over. Answers are told apart by their arbitration id; one that comes later counts in the next round, with its true
+    age. A motor that is silent costs nothing but its own news.
     """
 
     def __init__(self, file: RobotFile, name: str, robot: Robot) -> None:
@@ -41,6 +39,7 @@ class CanBus:
         entries = [file.motors[i] for i in members]
         self.entry = next(bus for bus in file.buses if bus.name == name)
         self.name, self.period_s = name, 1.0 / file.rate_hz
+        self._busy_s = bus_load(file, self.entry).round_s
         self.link = Link(name, self.entry.arguments)
         self.map: JointMap = file.joint_map.take(members)
         self.index = np.array([robot.joint_names.index(entry.joint) for entry in entries], dtype=int)
@@ -62,55 +61,10 @@ class CanBus:
         self._broken: str | None = None
         self._retry_s = 0.0
 
-    # Conversations: before the rounds have begun, between them, and after they have ended.
-
-    def ask(
-        self,
-        motor: Motor,
-        frames: Sequence[Frame],
-        accept: Callable[[Message], bool],
-        *,
-        tries: int = 3,
-        patience_s: float = 0.0,
-    ) -> Message | None:
-        """Send frames until the motor says something acceptable. None where it does not. Raises DeviceError.
-
-        Rounds may run meanwhile: they hold the wire in turn, and what they hear counts as an answer as well.
-        """
-        motor.inbox.clear()
-        for _ in range(tries):
-            self._say(motor, frames, max(PATIENCE_S, patience_s))
-            until_s = time.monotonic() + PATIENCE_S
-            while True:
-                while motor.inbox:
-                    message = motor.inbox.popleft()
-                    if accept(message):
-                        return message
-                if self._state is None or time.monotonic() > until_s:
-                    break
-                time.sleep(YIELD_S)
-        return None
-
-    def _say(self, motor: Motor, frames: Sequence[Frame], patience_s: float) -> None:
-        """Send, and take what comes until the motor has answered; briefly where rounds run, which go on with it."""
-        with self.lock:
-            sent_s = time.monotonic()
-            motor.unanswered.restart(sent_s)
-            for frame in frames:
-                self.link.send(frame)
-            until_s = sent_s + (patience_s if self._state is None else BRIEF_S)
-            while (frame_in := self.link.receive(until_s)) is not None:
-                if self._take(frame_in, sent_s) is motor:
-                    until_s = min(until_s, time.monotonic() + BRIEF_S)
-
-    def listen(self, duration_s: float) -> list[Frame]:
-        """What is on the wire though we have not asked."""
-        until_s, heard = time.monotonic() + duration_s, []
-        with self.lock:
-            while (frame := self.link.receive(until_s)) is not None:
-                heard.append(frame)
-                self._take(frame, time.monotonic() - duration_s)
-        return heard
+    @property
+    def in_rounds(self) -> bool:
+        """Whether rounds run."""
+        return self._state is not None
 
     def is_in_band(self, motor: Motor) -> bool:
         """Whether the motor's last position lies in its joint's band, with the turns settled at start."""
@@ -166,7 +120,7 @@ class CanBus:
 
     # Rounds
 
-    def cycle(self, outbox: Outbox, state: StateBoard) -> Cycle:
+    def cycle(self, outbox: Outbox, state: StateBoard, *, phase_s: float = 0.0) -> Cycle:
         """The rounds of this bus."""
         self._state = state
         for motor in self.motors:
@@ -178,19 +132,22 @@ class CanBus:
             with self.lock:
                 self._round(outbox, state)
 
-        return Cycle(f"can {self.name}", self.period_s, run)
+        return Cycle(f"can {self.name}", self.period_s, run, phase_s)
 
     def _round(self, outbox: Outbox, state: StateBoard) -> None:
         begun_s = time.monotonic()
         try:
             self._reopen(begun_s)
-            self._collect(0.0, begun_s - self.period_s)
+            self._drain(begun_s - self.period_s)
             asked = [motor.unanswered.begin_round(motor.heard) for motor in self.motors]
             for motor, is_asked in zip(self.motors, asked):
                 motor.missed += is_asked and not motor.heard
                 motor.heard = False
-            self._send(outbox.at(time.monotonic()), asked)
-            self._collect(begun_s + COLLECT_SHARE * self.period_s, time.monotonic())
+            sent_s = time.monotonic()
+            self._send(outbox.at(sent_s), asked, sent_s)
+            # To wake for each answer costs more than the answer: nothing is lost by waiting until all can be there.
+            time.sleep(max(0.0, sent_s + self._busy_s - time.monotonic()))
+            self._collect(begun_s + MAX_LOAD * self.period_s, sent_s)
             self._publish(state)
         except DeviceError as error:
             if self._broken is None and not self.link.is_open:
@@ -198,23 +155,23 @@ class CanBus:
                 self._show(self._broken, True)
             raise
 
-    def _send(self, outgoing: Outgoing, asked: Sequence[bool]) -> None:
+    def _send(self, outgoing: Outgoing, asked: Sequence[bool], now_s: float) -> None:
         """Frames for every motor. One whose command cannot be made is damped, and the others are not kept waiting."""
         targets = self._targets.of(outgoing, self.map) if self._broken is None else []
         wrong: list[str] = []
+        sent: list[Frame] = []
         for motor, is_asked in zip(self.motors, asked):
             if not is_asked:
                 continue
-            target = targets[motor.row] if targets else None
             try:
-                frames = self._frames(motor, target)
+                frames = self._frames(motor, targets[motor.row] if targets else None)
             except ValueError as error:
                 wrong.append(str(error))
                 frames = motor.codec.damping(motor.damping_kd)
             if frames and motor.codec.cyclic_period_s is None:
-                motor.unanswered.ask(time.monotonic())
-            for frame in frames:
-                self.link.send(frame)
+                motor.unanswered.ask(now_s)
+            sent += frames
+        self.link.send(sent)
         if wrong:
             raise DeviceError("; ".join(wrong))
 
@@ -231,12 +188,19 @@ class CanBus:
 
     def _collect(self, until_s: float, since_s: float) -> None:
         """Take what arrives until then, or until every motor has answered all it was asked."""
-        while (frame := self.link.receive(until_s)) is not None:
-            self._take(frame, since_s)
-            if until_s and all(motor.heard and not motor.unanswered for motor in self.motors):
-                until_s = 0.0
+        self._drain(since_s)
+        while not all(motor.heard and not motor.unanswered for motor in self.motors):
+            if (frame := self.link.receive(until_s)) is None:
+                return
+            self.take(frame, since_s)
+            self._drain(since_s)
 
-    def _take(self, frame: Frame, since_s: float) -> Motor | None:
+    def _drain(self, since_s: float) -> None:
+        """Take what has arrived."""
+        while (frame := self.link.receive(0.0)) is not None:
+            self.take(frame, since_s)
+
+    def take(self, frame: Frame, since_s: float) -> Motor | None:
         """Keep what a frame says; the motor that sent it. since_s: when the wire was last looked at."""
         sorted_out = self._demultiplexer.sort(frame)
         if sorted_out is None:

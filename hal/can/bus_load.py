@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hal.can.codec import Codec, MotorCommand, MotorState
+from hal.can.codec import MotorCommand, MotorState
 from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
 from hal.can.robot_file import BusEntry, RobotFile
 from robot.errors import InputError
@@ -49,7 +49,26 @@ def frame_time_s(frame: Frame, bitrate: int, data_bitrate: int, *, stuffed: bool
 
 def bus_loads(file: RobotFile) -> tuple[BusLoad, ...]:
     """Every bus of a robot, computed from the frames that its codecs really make."""
-    return tuple(_load(bus, [file.codecs[i] for i in file.motors_of(bus.name)], file.rate_hz) for bus in file.buses)
+    return tuple(bus_load(file, bus) for bus in file.buses)
+
+
+def bus_load(file: RobotFile, bus: BusEntry) -> BusLoad:
+    """One bus. Answers to commands count once a round; what motors send by themselves, as often as they send it."""
+    codecs = [file.codecs[i] for i in file.motors_of(bus.name)]
+    round_s, frames = 0.0, 0
+    cyclic_share = 0.0
+    for codec in codecs:
+        answers = codec.feedback_frames(MOVING)
+        sent = codec.command(BUSY)
+        frames += len(sent) + len(answers)
+        round_s += sum(frame_time_s(frame, bus.bitrate, bus.data_bitrate) for frame in sent)
+        answer_s = sum(frame_time_s(frame, bus.bitrate, bus.data_bitrate) for frame in answers)
+        if codec.cyclic_period_s is None:
+            round_s += answer_s
+        else:
+            cyclic_share += answer_s / codec.cyclic_period_s
+    ceiling_hz = float("inf") if round_s == 0.0 else max(1e-9, 1.0 - cyclic_share) / round_s
+    return BusLoad(bus.name, len(codecs), frames, round_s, ceiling_hz, file.rate_hz)
 
 
 def check_loads(loads: Sequence[BusLoad]) -> None:
@@ -74,24 +93,6 @@ def load_table(loads: Sequence[BusLoad]) -> str:
             f"{load.rate_hz:>6.0f} Hz{load.load:>7.0%}"
         )
     return "\n".join(lines)
-
-
-def _load(bus: BusEntry, codecs: Sequence[Codec], rate_hz: float) -> BusLoad:
-    """Answers to commands count once a round; what motors send by themselves counts as often as they send it."""
-    round_s, frames = 0.0, 0
-    cyclic_share = 0.0
-    for codec in codecs:
-        answers = codec.feedback_frames(MOVING)
-        sent = codec.command(BUSY)
-        frames += len(sent) + len(answers)
-        round_s += sum(frame_time_s(frame, bus.bitrate, bus.data_bitrate) for frame in sent)
-        answer_s = sum(frame_time_s(frame, bus.bitrate, bus.data_bitrate) for frame in answers)
-        if codec.cyclic_period_s is None:
-            round_s += answer_s
-        else:
-            cyclic_share += answer_s / codec.cyclic_period_s
-    ceiling_hz = float("inf") if round_s == 0.0 else max(1e-9, 1.0 - cyclic_share) / round_s
-    return BusLoad(bus.name, len(codecs), frames, round_s, ceiling_hz, rate_hz)
 
 
 def _fd_time_s(frame: Frame, bitrate: int, data_bitrate: int, stuffed: bool) -> float:

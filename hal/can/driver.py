@@ -46,7 +46,6 @@ class CanDriver:
         if file.imu is None:
             raise InputError("no imu", where="CAN robot", hint="a robot that is to balance needs one in its file")
         self.joint_names = robot.joint_names
-        self.has_watchdog = all(codec.has_watchdog for codec in file.codecs)
         self._file = file
         self._buses = [CanBus(file, bus.name, robot) for bus in file.buses if file.motors_of(bus.name)]
         self._imu = ImuReader(file.imu)
@@ -66,12 +65,13 @@ class CanDriver:
         for bus in self._buses:
             details[f"bus {bus.name}"] = _bus_line(bus, loads[bus.name])
             details |= {motor.joint: _motor_line(bus, motor) for motor in bus.motors}
-        details["watchdog"] = self._watchdog_line()
-        return DeviceInfo("can", self.joint_names, self.has_watchdog, details)
+        return DeviceInfo("can", self.joint_names, self._watchdog_line(), details)
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
-        """See Driver."""
-        return [*(bus.cycle(outbox, state) for bus in self._buses), self._imu.cycle(state)]
+        """See Driver. The buses take turns within a period: their threads share one interpreter."""
+        stride_s = 1.0 / (self._file.rate_hz * len(self._buses))
+        cycles = [bus.cycle(outbox, state, phase_s=i * stride_s) for i, bus in enumerate(self._buses)]
+        return [*cycles, self._imu.cycle(state)]
 
     def enable(self) -> None:
         """See Driver."""
@@ -126,10 +126,16 @@ class CanDriver:
         return self._each_bus(lambda bus: _collected(lambda motor: action(bus, motor), bus.motors))
 
     def _watchdog_line(self) -> str:
-        without = [motor.joint for bus in self._buses for motor in bus.motors if not motor.codec.has_watchdog]
-        if without:
-            return f"none that can be set: {', '.join(without)}"
-        return f"each servo's own, {1e3 * self._file.watchdog_s:.0f} ms, read back"
+        """What the servos do by themselves, by protocol, and those that can be trusted to do nothing."""
+        motors = [motor for bus in self._buses for motor in bus.motors]
+        does = {motor.codec.name: motor.codec.watchdog_damps for motor in motors if motor.codec.has_watchdog}
+        words = [f"{name} {'damps' if damps else 'lets go'}" for name, damps in sorted(does.items())]
+        lines = (
+            [f"each servo's own, {1e3 * self._file.watchdog_s:.0f} ms, read back: {', '.join(words)}"] if does else []
+        )
+        if without := [motor.joint for motor in motors if not motor.codec.has_watchdog]:
+            lines.append(f"none that can be set: {', '.join(without)}")
+        return "; ".join(lines)
 
 
 def _collected(action: Callable[[Motor], None], motors: Iterable[Motor]) -> list[str]:

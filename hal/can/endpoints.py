@@ -39,13 +39,7 @@ def endpoint_arguments(endpoint: str, *, bitrate: int, fd: bool) -> dict[str, An
         raise InputError(f"cannot be read: {error}", where="endpoint", got=endpoint) from error
     match scheme:
         case "socketcand" if host and port:
-            return {
-                "interface": "socketcand",
-                "host": host,
-                "port": port,
-                "channel": parts.path.strip("/") or "can0",
-                "tcp_tune": True,
-            }
+            return {"interface": "socketcand", "host": host, "port": port, "channel": parts.path.strip("/") or "can0"}
         case "udp_multicast" if host and port:
             return {"interface": "udp_multicast", "channel": host, "port": port, "hop_limit": 0, "fd": fd}
         case "virtual" if host:

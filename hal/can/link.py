@@ -2,18 +2,18 @@
 
 import contextlib
 import logging
-import socket
 import time
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import can
 
 from hal.can.endpoints import ECHOING
 from hal.can.frame import Frame
+from hal.can.socketcand import SocketcandBus
 from hal.types import DeviceError
 
-CONNECT_S = 0.2
 # python-can raises its own errors, but also what the system and the adapters' libraries raise.
 ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
 logging.getLogger("can").setLevel(logging.CRITICAL)
@@ -24,7 +24,7 @@ class Link:
 
     def __init__(self, name: str, arguments: dict[str, Any]) -> None:
         self.name, self.arguments = name, arguments
-        self.sent = self.received = self.error_frames = 0
+        self.received = self.error_frames = 0
         self._bus: can.BusABC | None = None
         self._echoes: Counter[tuple[int, bytes]] | None = None
 
@@ -42,8 +42,7 @@ class Link:
         """Open the adapter. What was waiting in it is thrown away."""
         self._echoes = Counter() if self.arguments["interface"] in ECHOING else None
         try:
-            _reach(self.arguments)
-            self._bus = can.Bus(**self.arguments)
+            self._bus = _opened(**self.arguments)
         except ERRORS as error:
             raise DeviceError(f"bus {self.name}: cannot open {self.where}: {error}") from error
         self.drain()
@@ -55,24 +54,31 @@ class Link:
             with contextlib.suppress(*ERRORS):
                 bus.shutdown()
 
-    def send(self, frame: Frame) -> None:
-        """Hand one frame to the adapter, which sends it when the wire is free."""
-        message = can.Message(
-            arbitration_id=frame.arbitration_id,
-            data=frame.data,
-            is_extended_id=frame.extended,
-            is_remote_frame=frame.remote,
-            is_fd=frame.fd,
-            bitrate_switch=frame.fd,
-        )
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Hand frames to the adapter, which sends each when the wire is free."""
+        messages = [
+            can.Message(
+                arbitration_id=frame.arbitration_id,
+                data=frame.data,
+                is_extended_id=frame.extended,
+                is_remote_frame=frame.remote,
+                is_fd=frame.fd,
+                bitrate_switch=frame.fd,
+            )
+            for frame in frames
+        ]
+        bus = self._require()
         try:
-            self._require().send(message, timeout=0.0)
+            if isinstance(bus, SocketcandBus):
+                bus.send_all(messages)
+            else:
+                for message in messages:
+                    bus.send(message, timeout=0.0)
         except ERRORS as error:
             self.close()
             raise DeviceError(f"bus {self.name}: cannot send: {error or type(error).__name__}") from error
-        self.sent += 1
         if self._echoes is not None:
-            self._echoes[frame.arbitration_id, frame.data] += 1
+            self._echoes.update((frame.arbitration_id, frame.data) for frame in frames)
 
     def receive(self, until_s: float) -> Frame | None:
         """The next frame that another node sent, or None at until_s (monotonic clock; the past means: do not wait)."""
@@ -122,7 +128,5 @@ class Link:
         return True
 
 
-def _reach(arguments: dict[str, Any]) -> None:
-    """python-can tries for 10 s to connect to a socketcand that is not there: ask first."""
-    if arguments["interface"] == "socketcand":
-        socket.create_connection((arguments["host"], arguments["port"]), timeout=CONNECT_S).close()
+def _opened(interface: str, **arguments: Any) -> can.BusABC:
+    return SocketcandBus(**arguments) if interface == "socketcand" else can.Bus(interface=interface, **arguments)

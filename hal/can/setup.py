@@ -6,6 +6,7 @@ from hal.can.bus import CanBus
 from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, Message, MotorCommand, Parameter
 from hal.can.frame import Frame
 from hal.can.motor import Motor
+from hal.can.talk import ask, listen
 from hal.types import DeviceError, DeviceFault
 
 SWITCH_TRIES = 10
@@ -17,7 +18,7 @@ COMMANDING = (CommandKind.CONTROL, CommandKind.GAINS, CommandKind.ENABLE)
 
 def commanded_by_others(bus: CanBus) -> list[str]:
     """The joints whose motors somebody else commands: what is on the wire though we have said nothing yet."""
-    heard = bus.listen(LISTEN_S)
+    heard = listen(bus, LISTEN_S)
     names = []
     for motor in bus.motors:
         commands = (motor.codec.parse_command(frame, MotorCommand()) for frame in heard)
@@ -47,11 +48,11 @@ def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
     if calibrated and not bus.is_in_band(motor):
         raise DeviceFault(f"{motor.name}: at {bus.joint_pos_rad(motor):.3f} rad, outside its range: move it by hand")
     if motor.codec.watchdog_fault is not None and motor.codec.watchdog_fault in motor.faults:
-        bus.ask(motor, motor.codec.clear_fault(), _is_feedback, tries=1)
+        ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=1)
     frames = (*motor.codec.enable(), *motor.codec.damping(motor.damping_kd))
     motor.enabled = motor.switching = True
     try:
-        motor.enabled = bus.ask(motor, frames, _says_on, tries=SWITCH_TRIES) is not None
+        motor.enabled = ask(bus, motor, frames, _says_on, tries=SWITCH_TRIES) is not None
     finally:
         motor.switching = False
     if not motor.enabled:
@@ -62,14 +63,14 @@ def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
 def switch_off(bus: CanBus, motor: Motor) -> None:
     """Take the drive away, and be sure of it: a lost frame must not leave a motor on."""
     motor.enabled = False
-    if bus.ask(motor, motor.codec.disable(), _says_off, tries=SWITCH_TRIES) is None:
+    if ask(bus, motor, motor.codec.disable(), _says_off, tries=SWITCH_TRIES) is None:
         raise DeviceError(f"{motor.name}: has not confirmed that it is off")
 
 
 def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> None:
     """The operator's word after a fault: clear it, check everything anew, switch on into damping where it was on."""
     motor.enabled = False
-    bus.ask(motor, motor.codec.clear_fault(), _is_feedback, tries=ANSWER_TRIES)
+    ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=ANSWER_TRIES)
     prepare(bus, motor, watchdog_s)
     faults = [name for name in motor.faults if name != motor.codec.watchdog_fault]
     if faults:
@@ -83,7 +84,7 @@ def _set_watchdog(bus: CanBus, motor: Motor, watchdog_s: float) -> None:
     if not motor.codec.has_watchdog:
         return
     frames = (*motor.codec.set_watchdog(watchdog_s), *motor.codec.read_watchdog())
-    answer = bus.ask(motor, frames, _names(WATCHDOG_S), tries=ANSWER_TRIES)
+    answer = ask(bus, motor, frames, _names(WATCHDOG_S), tries=ANSWER_TRIES)
     if not isinstance(answer, Parameter):
         raise _silent(bus, motor)
     if abs(answer.value - watchdog_s) > WATCHDOG_TOLERANCE * watchdog_s:
@@ -91,7 +92,7 @@ def _set_watchdog(bus: CanBus, motor: Motor, watchdog_s: float) -> None:
 
 
 def _parameter(bus: CanBus, motor: Motor, name: str, question: Frame) -> float:
-    answer = bus.ask(motor, (question,), _names(name), tries=ANSWER_TRIES)
+    answer = ask(bus, motor, (question,), _names(name), tries=ANSWER_TRIES)
     if not isinstance(answer, Parameter):
         raise DeviceError(f"{motor.name}: does not say its {name}")
     return answer.value
@@ -101,7 +102,7 @@ def _state(bus: CanBus, motor: Motor) -> Feedback:
     """A complete state, be it in several frames."""
     patience_s = 3.0 * (motor.codec.cyclic_period_s or 0.0)
     motor.forget_state()
-    bus.ask(motor, motor.codec.request_state(), lambda _: motor.complete, tries=ANSWER_TRIES, patience_s=patience_s)
+    ask(bus, motor, motor.codec.request_state(), lambda _: motor.complete, tries=ANSWER_TRIES, patience_s=patience_s)
     if not motor.complete:
         raise _silent(bus, motor)
     return Feedback(motor.codec.motor_id, motor.pos_rad, motor.vel_rad_s, motor.torque_nm)

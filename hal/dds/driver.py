@@ -40,8 +40,6 @@ class DdsDriver:
     `disable` sends mode 0.
     """
 
-    has_watchdog = False
-
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
         self.joint_names = robot.joint_names
         self._options = options
@@ -78,7 +76,7 @@ class DdsDriver:
             "commands": f"{options.command_hz:g} Hz",
             "ages": "by the robot's tick" if self._clock.usable else "by arrival, the robot's tick is no millisecond",
         }
-        return DeviceInfo("Unitree G1", self.joint_names, self.has_watchdog, details)
+        return DeviceInfo("Unitree G1", self.joint_names, details=details)
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""

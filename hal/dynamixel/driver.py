@@ -9,6 +9,7 @@ import numpy as np
 
 from hal.dynamixel.group import ServoGroup
 from hal.dynamixel.port import latency_timer_ms
+from hal.dynamixel.registers import WATCHDOG_UNIT_S
 from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load, with_endpoints
 from hal.dynamixel.setup import Found
 from hal.dynamixel.translation import Translation
@@ -44,8 +45,6 @@ class DynamixelDriver:
     Raises InputError where the file's joints are not the robot's.
     """
 
-    has_watchdog = True
-
     def __init__(self, robot: Robot, options: DynamixelOptions) -> None:
         robot.joint_index([servo.joint for servo in options.servos])
         self.joint_names = robot.joint_names
@@ -67,8 +66,9 @@ class DynamixelDriver:
             problems.append(str(error))
         if problems:
             raise DeviceFault("; ".join(problems))
-        details["watchdog"] = f"each servo's own, {1e3 * self._options.watchdog_counts * 0.02:.0f} ms, read back"
-        return DeviceInfo("dynamixel", self.joint_names, self.has_watchdog, details)
+        watchdog_ms = 1e3 * self._options.watchdog_counts * WATCHDOG_UNIT_S
+        watchdog = f"each servo's own, {watchdog_ms:.0f} ms, read back: it stops and holds where it is"
+        return DeviceInfo("dynamixel", self.joint_names, watchdog, details)
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""

@@ -2,9 +2,8 @@
 
 import secrets
 import socket
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Collection, Sequence
 
 from hal.can.endpoints import endpoint_arguments
 from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
@@ -14,7 +13,7 @@ from hal.emulator.pty import Terminal
 from hal.emulator.socketcand import SocketcandServer
 
 GROUP = "239.74.163.2"
-LOOK_S = 0.01
+File = socket.socket | int
 SLCAN_END = b"\r"
 SLCAN_HEADERS = {"t": (3, False), "T": (8, True)}
 
@@ -24,12 +23,17 @@ class Wire(ABC):
 
     endpoint: str
 
-    @abstractmethod
-    def receive(self, wait_s: float) -> list[Frame]:
-        """What has been sent to the devices, waiting for it up to wait_s."""
+    @property
+    def files(self) -> Sequence[File]:
+        """What can be waited for; empty where one has to look now and then."""
+        return ()
 
     @abstractmethod
-    def send(self, frames: Iterable[Frame]) -> None:
+    def receive(self, ready: Collection[File]) -> list[Frame]:
+        """What has been sent to the devices. Does not wait. ready: those of `files` from which one can read."""
+
+    @abstractmethod
+    def send(self, frames: Sequence[Frame]) -> None:
         """Give frames to the host."""
 
     @abstractmethod
@@ -66,15 +70,20 @@ class SocketcandWire(Wire):
         self.endpoint = self._server.endpoint
         self._away = False
 
-    def receive(self, wait_s: float) -> list[Frame]:
+    @property
+    def files(self) -> Sequence[File]:
         """See Wire."""
-        frames = self._server.receive(wait_s)
+        return self._server.sockets
+
+    def receive(self, ready: Collection[File]) -> list[Frame]:
+        """See Wire."""
+        frames = self._server.receive(ready)
         if self._away:
             self._server.hang_up()
             return []
         return frames
 
-    def send(self, frames: Iterable[Frame]) -> None:
+    def send(self, frames: Sequence[Frame]) -> None:
         """See Wire."""
         self._server.send(frames)
 
@@ -101,20 +110,17 @@ class LinkWire(Wire):
         self._link.open()
         self._away = False
 
-    def receive(self, wait_s: float) -> list[Frame]:
+    def receive(self, ready: Collection[File]) -> list[Frame]:
         """See Wire."""
         frames = []
-        until_s = time.monotonic() + wait_s
-        while (frame := self._link.receive(until_s)) is not None:
+        while (frame := self._link.receive(0.0)) is not None:
             frames.append(frame)
-            until_s = 0.0
         return [] if self._away else frames
 
-    def send(self, frames: Iterable[Frame]) -> None:
+    def send(self, frames: Sequence[Frame]) -> None:
         """See Wire."""
         if not self._away:
-            for frame in frames:
-                self._link.send(frame)
+            self._link.send(frames)
 
     def unplug(self) -> None:
         """See Wire."""
@@ -138,16 +144,20 @@ class SlcanWire(Wire):
         self._rest = b""
         self._open = False
 
-    def receive(self, wait_s: float) -> list[Frame]:
+    @property
+    def files(self) -> Sequence[File]:
+        """See Wire."""
+        return self._terminal.files
+
+    def receive(self, ready: Collection[File]) -> list[Frame]:
         """See Wire."""
         if not self._terminal.plugged_in:
-            time.sleep(min(wait_s, LOOK_S))
             return []
-        lines = (self._rest + self._terminal.read(wait_s)).split(SLCAN_END)
+        lines = (self._rest + self._terminal.read(0.0)).split(SLCAN_END)
         self._rest = lines.pop()
         return [frame for line in lines if (frame := self._obey(line)) is not None]
 
-    def send(self, frames: Iterable[Frame]) -> None:
+    def send(self, frames: Sequence[Frame]) -> None:
         """See Wire."""
         if self._open and self._terminal.plugged_in:
             self._terminal.write(b"".join(slcan_line(frame) for frame in frames))

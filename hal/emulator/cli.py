@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -11,12 +12,13 @@ import time
 from collections.abc import Sequence
 from types import FrameType
 
+from hal import realtime
 from hal.emulator.device import DEVICES
 from hal.emulator.emulation import Emulation
 from hal.emulator.faults import COMMON_KINDS, parse_fault
 from hal.emulator.keyboard import KEY_TABLE, FaultKeys
 from hal.types import DeviceError
-from robot.arguments import ArgumentParser
+from robot.arguments import ArgumentParser, count_argument, number_argument
 from robot.errors import InputError
 from robot.robot import load_robot
 
@@ -56,8 +58,12 @@ def _run(given: argparse.Namespace) -> int:
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end)
+    # It stands for hardware, which is never late. Before any thread starts, also those of a wire's own library.
+    scheduling = realtime.schedule(realtime.EMULATOR_PRIORITY, inherited=True)
     with emulation:
-        print(json.dumps({**emulation.ready(), "pid": os.getpid()}), flush=True)
+        gc.collect()
+        gc.freeze()  # a collection over everything that was loaded would hold all answers back
+        print(json.dumps({**emulation.ready(), "pid": os.getpid(), "scheduling": scheduling}), flush=True)
         if given.lifeline:
             threading.Thread(target=_watch_starter, args=(stop,), name="lifeline", daemon=True).start()
         _wait(emulation, keys=not given.lifeline and sys.stdin.isatty())
@@ -100,23 +106,7 @@ def _parser() -> ArgumentParser:
     add("--config", metavar="NAME|FILE", help="the same as for the host's side, see configs/hal")
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
     add("--fault", action="append", default=[], metavar="KIND[:KEY][=VALUE][@START[+DURATION]]", help="repeatable")
-    add("--start-noise", type=_not_negative, default=0.0, metavar="RAD", help="std added to each joint at the start")
-    add("--seed", type=_seed, default=0, metavar="S")
+    add("--start-noise", type=number_argument, default=0.0, metavar="RAD", help="std added to each joint at the start")
+    add("--seed", type=count_argument, default=0, metavar="S")
     add("--lifeline", action="store_true", help="end some seconds after standard input does")
     return parser
-
-
-def _not_negative(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"got {text}, expected a finite number from 0 up")
-    return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"got {text}, expected a whole number from 0 up")
-    return int(text)

@@ -1,6 +1,7 @@
 """The emulator's own control socket: JSON lines on loopback, never on the emulated wire."""
 
 import contextlib
+import io
 import json
 import socket
 import threading
@@ -66,17 +67,17 @@ class ControlServer:
 
 
 class ControlClient:
-    """The other end. Every method raises DeviceError where the emulator is gone, InputError where it refuses."""
+    """The other end. Every method raises DeviceError where the emulator is gone, InputError where it refuses.
 
-    def __init__(self, address: str) -> None:
-        host, _, port = address.rpartition(":")
-        self.address = address
+    An answer that does not come within timeout_s is given up together with its connection, so that it cannot be taken
+    for that of a later request; the next request connects anew.
+    """
+
+    def __init__(self, address: str, *, timeout_s: float = TIMEOUT_S) -> None:
+        self.address, self.timeout_s = address, timeout_s
         self._lock = threading.Lock()
-        try:
-            self._socket = socket.create_connection((host, int(port)), timeout=TIMEOUT_S)
-        except OSError as error:
-            raise DeviceError(f"emulator at {address}: {error}") from error
-        self._stream = self._socket.makefile("rwb")
+        self._closed = False
+        self._stream: io.BufferedRWPair | None = self._connect()
 
     def release_band(self) -> None:
         """Let the robot go, gently."""
@@ -113,24 +114,42 @@ class ControlClient:
     def ask(self, do: str, **content: Any) -> dict[str, Any]:
         """One request and its answer."""
         with self._lock:
+            if self._closed:
+                raise DeviceError(f"emulator at {self.address}: this client was closed")
+            stream = self._stream = self._stream or self._connect()
             try:
-                self._stream.write(json.dumps({"do": do, **content}).encode() + b"\n")
-                self._stream.flush()
-                line = self._stream.readline(LONGEST_LINE)
-            except (OSError, ValueError) as error:
-                raise DeviceError(f"emulator at {self.address}: {error}") from error
-        if not line:
-            raise DeviceError(f"emulator at {self.address}: it has ended")
+                stream.write(json.dumps({"do": do, **content}).encode() + b"\n")
+                stream.flush()
+                line = stream.readline(LONGEST_LINE)
+            except OSError as error:
+                self._hang_up()
+                raise DeviceError(f"emulator at {self.address}: no answer to {do!r}: {error}") from error
+            if not line:
+                self._hang_up()
+                raise DeviceError(f"emulator at {self.address}: it has ended")
         answer: dict[str, Any] = json.loads(line)
         if not answer.pop("ok"):
             raise InputError(str(answer["error"]), where="emulator")
         return answer
 
     def close(self) -> None:
-        """Hang up. May be repeated."""
-        with contextlib.suppress(OSError):
-            self._stream.close()
-        self._socket.close()
+        """Hang up for good. May be repeated."""
+        self._closed = True
+        self._hang_up()
+
+    def _connect(self) -> io.BufferedRWPair:
+        host, _, port = self.address.rpartition(":")
+        try:
+            with socket.create_connection((host, int(port)), timeout=self.timeout_s) as connection:
+                return connection.makefile("rwb")
+        except OSError as error:
+            raise DeviceError(f"emulator at {self.address}: {error}") from error
+
+    def _hang_up(self) -> None:
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
 
     def __enter__(self) -> Self:
         """Itself."""

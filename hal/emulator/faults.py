@@ -30,7 +30,7 @@ COMMON_KINDS: Mapping[str, FaultKind] = {
     "drop": FaultKind("loses what it sends; value: probability", 0.2),
     "delay": FaultKind("sends later; value: s", 0.03),
     "jitter": FaultKind("sends later by a random time; value: its upper end, s", 0.02),
-    "corrupt": FaultKind("flips bits of what it sends; value: probability", 1.0),
+    "corrupt": FaultKind("damages what it sends: bits flip, on CAN it is lost; value: probability", 1.0),
     "wrong_id": FaultKind("sends under another id; value: probability", 1.0),
     "stuck_joint": FaultKind("the joint does not move"),
     "over_temperature": FaultKind("reports a temperature; value: degrees Celsius", 120.0),
@@ -163,8 +163,7 @@ class Faults:
 
     def value(self, kind: str, *keys: str) -> float | None:
         """The value of that fault; None while there is none."""
-        fault = self.active(kind, *keys)
-        if fault is None:
+        if not self._now_active() or (fault := self.active(kind, *keys)) is None:
             return None
         default = self.kinds[kind].default
         return fault.value if fault.value is not None else (math.nan if default is None else default)
@@ -198,6 +197,11 @@ class Faults:
         for bit in bits.tolist():
             changed[bit >> 3] ^= 1 << (bit & 7)
         return bytes(changed)
+
+    @property
+    def any_active(self) -> bool:
+        """Whether anything is wrong now."""
+        return bool(self._now_active())
 
     def struck(self, kind: str, names: Sequence[str]) -> np.ndarray:
         """(N,) bool: which of the names a kind strikes now."""

@@ -31,6 +31,11 @@ class Terminal:
         """Whether the port exists."""
         return self._master >= 0
 
+    @property
+    def files(self) -> tuple[int, ...]:
+        """What to wait for with `select`; empty while the port does not exist."""
+        return (self._master,) if self.plugged_in else ()
+
     def plug_in(self) -> None:
         """Make the port exist, after `unplug`."""
         if self.plugged_in:

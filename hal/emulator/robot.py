@@ -21,7 +21,7 @@ from hal.sim_options import SimOptions, load_sim_options
 from hal.types import JointCommand, TrueState
 from robot.robot import Robot
 
-WAKE_PERIOD_S = 0.002
+WAKE_PERIOD_S = 0.005
 LATE_S = 0.01
 STEP_TOLERANCE = 1e-6
 SLACK, DAMPED, DRIVEN = "slack", "damped", "driven"
@@ -50,9 +50,10 @@ class EmulatedRobot:
     The motors' law is torque = clip(kp (q* - q) + kd (dq* - dq) + tau, limit), evaluated at every physics step with
     the newest command that had arrived when the step began, in joint coordinates: the same plant and the same law as
     in the simulated backend. Nothing is skipped: whoever asks first brings the physics to now, and a thread of its own
-    does so every 2 ms. The robot begins slack, hanging in its band, feet on the ground; motors without a command give
-    no torque. Delays and noise of `sim` are not applied here (faults are). start_noise_rad: std of a normal added to
-    each joint position at the start. now: the clock, seconds.
+    does so every 5 ms. Who does several things at one moment holds `lock` meanwhile. The robot begins slack, hanging
+    in its band, feet on the ground; motors without a command give no torque. Delays and noise of `sim` are not applied
+    here (faults are). start_noise_rad: std of a normal added to each joint position at the start. now: the clock,
+    seconds.
     """
 
     def __init__(
@@ -75,8 +76,8 @@ class EmulatedRobot:
         self._plant.vary(self._conditions)
         self._band = Band(self._plant.model, self._plant.data, options.band)
         self.checks = CommandChecks(robot.joint_names, robot.torque_limit_nm)
-        self._stuck = np.zeros(robot.num_joints, dtype=bool)
-        self._lock = FairLock()
+        self._stuck, self._jammed = np.zeros(robot.num_joints, dtype=bool), False
+        self.lock = FairLock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.reset(start_noise_rad=start_noise_rad, seed=seed)
@@ -88,7 +89,7 @@ class EmulatedRobot:
 
     def start(self) -> None:
         """Let time run. The clock starts now."""
-        with self._lock:
+        with self.lock:
             self._start_s += self._now() - self._time_s(self._step)
         self._stop.clear()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
@@ -105,7 +106,7 @@ class EmulatedRobot:
         """Hang it up anew, slack and at rest; violations and lateness are forgotten."""
         robot, joints = self.robot, self.robot.num_joints
         noise = np.random.default_rng(seed).normal(0.0, start_noise_rad, joints)
-        with self._lock:
+        with self.lock:
             hang_in_band(self._plant, self._band, robot.default_pos_rad + noise)
             self._start_s, self._step = self._now(), 0
             self._orders: deque[_Order] = deque()
@@ -137,7 +138,7 @@ class EmulatedRobot:
         """
         now_s = self._now()
         values = (float(q_rad), float(dq_rad_s), float(kp), float(kd), float(tau_nm), float(limit_nm))
-        with self._lock:
+        with self.lock:
             if not math.isfinite(sum(values[:5])) or math.isnan(limit_nm):
                 self.checks.add(now_s, "not_finite", joint, str(values))
             elif self.checks.judge_gains(now_s, joint, values[2], values[3]):
@@ -149,7 +150,7 @@ class EmulatedRobot:
 
     def measure(self) -> Measurement:
         """What ideal sensors read now, to the millisecond; `time_s` is monotonic. Not to be written to."""
-        with self._lock:
+        with self.lock:
             self._advance(self._now())
             if self._seen is None or self._seen[0] != self._step:
                 self._seen = (self._step, self._plant.measure(self._time_s(self._step)))
@@ -157,7 +158,10 @@ class EmulatedRobot:
 
     def joints(self) -> Joints:
         """Position, speed and torque of every joint now, as `measure` gives them: the part that a servo knows."""
-        with self._lock:
+        seen = self._seen_joints
+        if seen is not None and seen[0] == self._step_at(self._now()):  # many servos ask within one step
+            return seen[1]
+        with self.lock:
             self._advance(self._now())
             if self._seen_joints is None or self._seen_joints[0] != self._step:
                 self._seen_joints = (self._step, Joints(*(values.tolist() for values in self._plant.joints())))
@@ -165,31 +169,31 @@ class EmulatedRobot:
 
     def report(self, joint: int, pos_rad: float, vel_rad_s: float) -> None:
         """A device has put this state on the wire, in joint coordinates: what later commands are judged by."""
-        with self._lock:
+        with self.lock:
             self.checks.report(joint, self._now(), pos_rad, vel_rad_s)
 
     def truth(self) -> TrueState:
         """The state itself, now."""
-        with self._lock:
+        with self.lock:
             self._advance(self._now())
             return self._plant.truth()
 
     @property
     def band_attached(self) -> bool:
         """Whether the band pulls, the ramp after a release included."""
-        with self._lock:
+        with self.lock:
             self._advance(self._now())
             return self._band.attached
 
     def release_band(self) -> None:
         """Let go gently."""
-        with self._lock:
+        with self.lock:
             self._advance(self._now())
             self._band.release(self._step)
 
     def status(self) -> dict[str, Any]:
         """Plain data: truth, band, lateness, violations, and what each motor was told last. Times: monotonic clock."""
-        with self._lock:
+        with self.lock:
             truth = self.truth()
             names, modes = self.joint_names, (SLACK, DAMPED, DRIVEN)
             return {
@@ -212,7 +216,7 @@ class EmulatedRobot:
         tick, start_s = 0, time.monotonic()
         try:
             while not self._stop.is_set():
-                with self._lock:
+                with self.lock:
                     now_s = self._now()
                     self._note_lateness(now_s - self._time_s(self._step))
                     self._advance(now_s)
@@ -229,7 +233,7 @@ class EmulatedRobot:
     def _advance(self, now_s: float) -> None:
         if self._thread is None:
             return
-        self._jam(self.faults.struck("stuck_joint", self.joint_names))
+        self._jam()
         target = self._step_at(now_s)
         while self._step < target:
             self._obey()
@@ -265,10 +269,14 @@ class EmulatedRobot:
         if mode != self._modes[order.joint]:
             self._modes[order.joint], self._since_s[order.joint] = mode, order.time_s
 
-    def _jam(self, stuck: np.ndarray) -> None:
+    def _jam(self) -> None:
+        """Joints stuck by a fault, and free again."""
+        if not (self._jammed or self.faults.any_active):
+            return
+        stuck = self.faults.struck("stuck_joint", self.joint_names)
         if not np.array_equal(stuck, self._stuck):
             self._plant.jam(stuck)
-            self._stuck = stuck
+            self._stuck, self._jammed = stuck, bool(stuck.any())
 
     def _time_s(self, step: int) -> float:
         return self._start_s + step * self.timestep_s

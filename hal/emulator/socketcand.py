@@ -6,10 +6,9 @@ with `< ok >`, takes `< send ID LENGTH B0 B1 ... >` and gives `< frame ID SECOND
 """
 
 import contextlib
-import select
 import socket
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from hal.can.frame import CLASSIC_LENGTH_MAX, EXTENDED_ID_MAX, STANDARD_ID_MAX, Frame
 
@@ -36,15 +35,19 @@ class SocketcandServer:
         """Where to connect."""
         return f"socketcand://{HOST}:{self._listener.getsockname()[1]}/{CHANNEL}"
 
-    def receive(self, wait_s: float) -> list[Frame]:
-        """Frames that clients have sent, waiting for them up to wait_s."""
-        ready, _, _ = select.select([self._listener, *self._clients], (), (), max(0.0, wait_s))
+    @property
+    def sockets(self) -> list[socket.socket]:
+        """What to wait for with `select`."""
+        return [self._listener, *self._clients]
+
+    def receive(self, ready: Collection[object]) -> list[Frame]:
+        """Frames that clients have sent. Does not wait. ready: those of `sockets` from which one can read."""
         frames: list[Frame] = []
-        for connection in ready:
-            if connection is self._listener:
-                self._accept()
-            else:
+        for connection in list(self._clients):
+            if connection in ready:
                 self._read(connection, frames)
+        if self._listener in ready:
+            self._accept()
         return frames
 
     def send(self, frames: Iterable[Frame]) -> None:

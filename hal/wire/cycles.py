@@ -52,7 +52,7 @@ class CycleThread:
     def _run(self) -> None:
         self.scheduling = realtime.schedule(realtime.WIRE_PRIORITY)
         period_s = self.cycle.period_s
-        start_s = time.monotonic()
+        start_s = time.monotonic() + self.cycle.phase_s
         due = 0
         while not self._stop.is_set():
             due_s = start_s + due * period_s

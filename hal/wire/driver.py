@@ -16,12 +16,14 @@ class Cycle:
 
     run(now_s): one round; now_s is time.monotonic() at its begin. It may wait for answers, up to its period. Each
     round that sends asks `outbox.at(time.monotonic())` right before, and sends that. What it raises is a fault of the
-    wire: every joint is damped, latched; `run` goes on being called, so that what can still be damped is.
+    wire: every joint is damped, latched; `run` goes on being called, so that what can still be damped is. phase_s: how
+    much later than the others' its deadlines are.
     """
 
     name: str
     period_s: float
     run: Callable[[float], None]
+    phase_s: float = 0.0
 
 
 class Driver(Protocol):
@@ -35,11 +37,6 @@ class Driver(Protocol):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """The joints that it drives, in the robot's order."""
-        ...
-
-    @property
-    def has_watchdog(self) -> bool:
-        """Whether every device damps or releases by itself when commands stop."""
         ...
 
     def identify(self) -> DeviceInfo:

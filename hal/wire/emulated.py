@@ -1,6 +1,7 @@
 """A wire whose other end is an emulator: the same backend, and a band that can be let go."""
 
 import threading
+from typing import Any
 
 from hal.clock import Clock
 from hal.emulator.launch import Emulator
@@ -38,6 +39,15 @@ class EmulatedWireBackend(WireBackend):
     def release_band(self) -> None:
         """See Supported. The loop does not wait for the answer; a dead emulator shows itself as a lost link."""
         threading.Thread(target=self._release, name="release band", daemon=True).start()
+
+    def report(self) -> dict[str, Any]:
+        """See WireBackend. Besides, under `emulator`: how late its physics ran, and commands that no motor may obey."""
+        report = super().report()
+        try:
+            status = self.emulator.control.status()
+        except DeviceError:
+            return report
+        return {**report, "emulator": {name: status[name] for name in ("late", "violations")}}
 
     def _release(self) -> None:
         try:

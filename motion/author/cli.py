@@ -18,7 +18,13 @@ from robot.robot import Robot, load_robot
 ROOT = Path(__file__).resolve().parents[2]
 CHOREOGRAPHIES = ROOT / "configs" / "motion"
 CLIPS = ROOT / "motion" / "clips"
+SETTINGS = "process"  # lies beside the choreographies: the settings of motion/process
 CORRECTIONS = 2
+
+
+def choreography_names() -> list[str]:
+    """Names of the choreographies in configs/motion."""
+    return sorted(path.stem for path in CHOREOGRAPHIES.glob("*.yaml") if path.stem != SETTINGS)
 
 
 def build_clip(path: Path, robot: Robot) -> Clip:
@@ -56,7 +62,7 @@ def _stand_values(stand: StandPose) -> dict[str, tuple[float, ...]]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Build the named clips, or all; 0 done, 2 a wrong choreography or name."""
     parser = ArgumentParser(prog="motion/author/build", description=__doc__)
-    names = sorted(path.stem for path in CHOREOGRAPHIES.glob("*.yaml"))
+    names = choreography_names()
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"clips to build: {', '.join(names)} (default: all)")
     parser.add_argument("--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips")
     try:

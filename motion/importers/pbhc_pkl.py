@@ -6,16 +6,11 @@ from typing import Any
 import numpy as np
 
 from motion.clip import Clip
+from motion.importers.g1_joints import JOINTS_23
 from motion.importers.pickle_data import read_data_pickle
 from robot.errors import InputError
 
-JOINT_NAMES = (
-    *(f"left_{joint}_joint" for joint in ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")),
-    *(f"right_{joint}_joint" for joint in ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")),
-    *("waist_yaw_joint", "waist_roll_joint", "waist_pitch_joint"),
-    *(f"left_{joint}_joint" for joint in ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")),
-    *(f"right_{joint}_joint" for joint in ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")),
-)
+JOINT_NAMES = JOINTS_23
 _WIDTHS = {"root_trans_offset": 3, "root_rot": 4, "dof": len(JOINT_NAMES), "contact_mask": 2}
 
 
@@ -48,7 +43,8 @@ def read_pbhc(content: bytes, where: str) -> Clip:
 
 def wxyz_of_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
     """Unit quaternions (N,4) in our order; a norm off by up to 1 % is rounding and is mended."""
-    norm = np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
     unit = quat_xyzw / np.where(np.abs(norm - 1.0) < 0.01, norm, 1.0)
     return unit[:, [3, 0, 1, 2]]
 

@@ -27,7 +27,7 @@ def test_a_healthy_robot_passes_and_the_table_says_what_was_checked(tmp_path):
     text = table(checks)
     for what in ("joint names", "actor toy", "state age", "temperatures", "gravity", "joint ranges", "watchdog"):
         assert what in text
-    assert "only the loop can damp" in text
+    assert "none: only this computer can damp" in text
 
 
 UNFIT = [
@@ -76,3 +76,21 @@ def test_waits_for_the_first_state_but_not_for_ever(tmp_path):
         checks_for(tmp_path, [NoState("not yet")])
     with pytest.raises(LinkLost):
         checks_for(tmp_path, [LinkLost("gone")])
+
+
+LOST = [LinkLost("silent for 120 ms")]
+
+
+def test_a_short_gap_in_the_link_begins_the_settling_anew_and_is_said(tmp_path):
+    """What was read before the gap, here a joint out of range, does not count."""
+    before = with_joint("joint_pos_rad", ROBOT.pos_upper_rad[KNEE] + 0.06)
+    checks = checks_for(tmp_path, [before] * 30 + LOST * 5 + [state()])
+    require(checks)
+    assert "lost 1x, for 120 ms at most, then steady" in table(checks)
+    assert "link             ok  steady" not in table(checks)
+
+
+@pytest.mark.parametrize("script", [[state()] + LOST * 40 + [state()], ([state()] * 20 + LOST * 3) * 20])
+def test_a_long_gap_or_one_after_another_is_a_lost_link(tmp_path, script):
+    with pytest.raises(LinkLost, match="silent for 120 ms"):
+        checks_for(tmp_path, script)

@@ -172,7 +172,7 @@ class FakeBackend:
         self.released = False
 
     def open(self) -> DeviceInfo:
-        return DeviceInfo("fake", ROBOT.joint_names, has_watchdog=False)
+        return DeviceInfo("fake", ROBOT.joint_names)
 
     def read(self) -> RobotState:
         self.clock.sleep_until(self.clock.now_s() + self.read_takes_s)

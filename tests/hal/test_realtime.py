@@ -2,10 +2,11 @@
 
 import gc
 import os
+import threading
 
 import pytest
 
-from hal.realtime import no_garbage_collection, realtime
+from hal.realtime import no_garbage_collection, realtime, schedule
 
 
 def test_scheduling_and_cores_are_as_before_also_after_an_error():
@@ -31,6 +32,26 @@ def test_refusals_are_said(monkeypatch):
     with realtime(said.append):
         pass
     assert said[0] == "realtime: no SCHED_FIFO (Operation not permitted)"
+
+
+@pytest.mark.parametrize("inherited", [False, True])
+def test_threads_inherit_the_scheduling_where_asked(inherited):
+    seen = []
+
+    def show():
+        seen.append(os.sched_getscheduler(0))
+
+    def run():
+        if not schedule(7, inherited=inherited).startswith("SCHED_FIFO"):
+            return  # not permitted here: nothing to inherit
+        child = threading.Thread(target=show)
+        child.start()
+        child.join()
+
+    parent = threading.Thread(target=run)
+    parent.start()
+    parent.join()
+    assert seen in ([], [os.SCHED_FIFO if inherited else os.SCHED_OTHER])
 
 
 def test_the_collector_rests_and_returns():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motion.feet import contact_mask, lowest_sole_m
-from motion.importers.csv29 import JOINT_NAMES as CSV_JOINTS
-from motion.importers.csv29 import read_csv29
+from motion.importers.csv_joints import read_csv_joints
+from motion.importers.g1_joints import JOINTS_29 as CSV_JOINTS
 from motion.importers.pbhc_pkl import JOINT_NAMES as PBHC_JOINTS
 from motion.importers.pbhc_pkl import read_pbhc
 from motion.importers.pickle_data import read_data_pickle
@@ -123,7 +123,7 @@ def csv_bytes(rows: np.ndarray) -> bytes:
 
 
 def test_csv_fields(robot):
-    clip = read_csv29(csv_bytes(csv_rows()), "folder/walk.csv", robot)
+    clip = read_csv_joints(csv_bytes(csv_rows()), "folder/walk.csv", robot)
     assert clip.fps == 60.0 and clip.num_joints == 23 and clip.source == "walk.csv"
     np.testing.assert_allclose(clip.root_quat_wxyz[0], [0.8, 0.0, 0.0, 0.6])
     for name, value in zip(clip.joint_names, clip.joint_pos_rad[1], strict=True):
@@ -132,12 +132,43 @@ def test_csv_fields(robot):
     np.testing.assert_array_equal(clip.contact, 1.0)
 
 
+def test_csv_of_23_joints(robot):
+    """The same joints without wrists: the same clip."""
+    wrists = [7 + i for i, name in enumerate(CSV_JOINTS) if "wrist" in name]
+    short, long = (
+        read_csv_joints(csv_bytes(rows), "a.csv", robot, 30.0)
+        for rows in (np.delete(csv_rows(), wrists, axis=1), csv_rows())
+    )
+    assert short.sha256 == long.sha256 and short.joint_names == PBHC_JOINTS
+    assert short.created_by == "kata, from a 23-joint CSV"
+
+
+def test_csv_rate_that_is_assumed_is_said(robot):
+    assert "60 frames per second assumed" in read_csv_joints(csv_bytes(csv_rows()), "a.csv", robot).created_by
+
+
+def test_csv_in_other_units(robot):
+    rows = csv_rows()
+    rows[:, 2] = 90.0
+    with pytest.raises(InputError, match=r"a\.csv: far from the ground, got 89\.\d+ m, .*must be in metres"):
+        read_csv_joints(csv_bytes(rows), "a.csv", robot)
+    rows = csv_rows()
+    rows[:, 7:] = np.degrees(rows[:, 7:] * 10.0)
+    with pytest.raises(InputError, match=r"a\.csv: joint_pos_rad: frame 0: out of range"):
+        read_csv_joints(csv_bytes(rows), "a.csv", robot)
+
+
+def test_csv_too_long(robot):
+    with pytest.raises(InputError, match=r"a\.csv: too long, got 100001 frames"):
+        read_csv_joints(b"\n" * 100_000 + b"1", "a.csv", robot)
+
+
 def test_csv_stands_on_the_ground(robot):
     for height in (0.2, 0.9, 3.0):
         rows = csv_rows()
         rows[:, 2] = height
         rows[2, 2] += 0.05
-        clip = read_csv29(csv_bytes(rows), "a.csv", robot, fps=30.0)
+        clip = read_csv_joints(csv_bytes(rows), "a.csv", robot, fps=30.0)
         bodies = Kinematics(robot).forward(
             clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad[:, joint_columns(clip, robot)]
         )
@@ -161,9 +192,9 @@ def test_csv_errors_name_line_and_column(robot):
         b"\n\n": "too few frames",
     }.items():
         with pytest.raises(InputError, match=message):
-            read_csv29(content, "a.csv", robot)
+            read_csv_joints(content, "a.csv", robot)
     with pytest.raises(InputError, match=r"a\.csv: fps: out of range"):
-        read_csv29(csv_bytes(csv_rows()), "a.csv", robot, fps=0.0)
+        read_csv_joints(csv_bytes(csv_rows()), "a.csv", robot, fps=0.0)
 
 
 @needs_shared_data
@@ -176,7 +207,7 @@ def test_csv_joint_order_is_the_makers():
 @needs_shared_data
 @pytest.mark.parametrize(("name", "frames"), CSV_FILES.items())
 def test_mocap_files(robot, name, frames):
-    clip = read_csv29((SHARED / "g1moves" / name).read_bytes(), name, robot)
+    clip = read_csv_joints((SHARED / "g1moves" / name).read_bytes(), name, robot)
     assert (clip.num_frames, clip.fps) == (frames, 60.0)
     joints = clip.joint_pos_rad[:, joint_columns(clip, robot)]
     bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joints)

@@ -13,6 +13,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("robot", "view", "motion", "policy", "hal", "deploy", "sim2sim", "train")
+RUN_BY_PEOPLE = (
+    "deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "train/report/build", "motion/author/build",
+    "motion/process", "motion/view", "motion/check", "motion/list",
+)  # fmt: skip
 CODE = sorted(
     path for folder in (*ROOMS, "benchmarks", "tests") for path in (ROOT / folder).rglob("*.py") if path.is_file()
 )
@@ -86,10 +90,7 @@ def test_commands_start_python_without_their_own_folder_on_the_path() -> None:
         assert path.read_text().startswith("#!/usr/bin/env -S python3 -P\n"), path
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "train/report/build", "motion/author/build"],
-)
+@pytest.mark.parametrize("name", RUN_BY_PEOPLE)
 def test_a_command_outside_the_environment_says_what_to_do(name: str) -> None:
     # -S leaves out site-packages: a Python in which kata is not installed.
     result = subprocess.run([sys.executable, "-S", "-P", name], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -97,10 +98,7 @@ def test_a_command_outside_the_environment_says_what_to_do(name: str) -> None:
     assert result.stderr.count("\n") == 1 and "make install" in result.stderr
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "train/report/build", "motion/author/build"],
-)
+@pytest.mark.parametrize("name", RUN_BY_PEOPLE)
 def test_ctrl_c_while_modules_load_is_an_orderly_stop(name: str, tmp_path: Path) -> None:
     interrupted = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
     (tmp_path / "mujoco.py").write_text(interrupted)

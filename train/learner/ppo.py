@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from train.interface import StepResult
+from train.learner.averaging import WeightAverage
 from train.learner.gae import advantages_per_head
 from train.learner.networks import Actor, Critic
 from train.learner.settings import LearnerSettings
@@ -89,6 +90,7 @@ class Ppo:
         self._parameters = [[p for p in net.parameters() if p.requires_grad] for net in (actor, critic)]
         groups = [{"params": parameters, "lr": settings.learning_rate} for parameters in self._parameters]
         self.optimizer = torch.optim.Adam(groups, fused=True)
+        self.average = WeightAverage(settings.average_iterations, actor.state_dict())
         self._old_log_std = actor.log_std.detach().clone()
         self._seen: list[Mapping[str, Tensor]] = []  # raw observations, for the normalisers
 
@@ -158,6 +160,7 @@ class Ppo:
         log["noise_std"] = float(torch.exp(self.actor.log_std.detach()).mean())
         s.step = 0
         self._update_normalizers()
+        self.average.update(self.actor.state_dict())
         return log
 
     def _update_normalizers(self) -> None:
@@ -208,6 +211,7 @@ class Ppo:
         return {
             "actor": dict(self.actor.state_dict()),
             "critic": dict(self.critic.state_dict()),
+            "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "learning_rate": self.rates.value,
             "noise": self.noise.get_state(),
@@ -218,6 +222,7 @@ class Ppo:
         """Restore what :meth:`state_dict` returned."""
         self.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
+        self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.rates.value = state["learning_rate"]
         self.noise.set_state(state["noise"])

@@ -33,6 +33,7 @@ class LearnerSettings:
         activation: of the hidden layers.
         actor_output_gain: factor on the actor's initial output layer.
         normalize_inputs: running normalisation of the networks' inputs.
+        average_iterations: the judged and exported actor is the average over about this many iterations; 1 = the last.
     """
 
     horizon: int = 24
@@ -57,9 +58,10 @@ class LearnerSettings:
     activation: Literal["elu", "silu"] = "elu"
     actor_output_gain: float = 1.0
     normalize_inputs: bool = False
+    average_iterations: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "epochs", "minibatches"):
+        for name in ("horizon", "epochs", "minibatches", "average_iterations"):
             at_least(f"learner.{name}", getattr(self, name), 1)
         for name in ("clip", "max_grad_norm", "learning_rate", "kl_target", "noise_std", "actor_output_gain"):
             positive(f"learner.{name}", getattr(self, name))

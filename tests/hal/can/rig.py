@@ -1,8 +1,9 @@
 """A robot of a few servos without physics or wires: joints with inertia and stops, and frames that pass at once."""
 
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,7 +13,8 @@ import numpy as np
 from hal.can.bus import CanBus
 from hal.can.frame import Frame
 from hal.can.robot_file import BusEntry, MotorEntry, RobotFile
-from hal.emulator.can import BusLine
+from hal.emulator.can import BusLoop
+from hal.emulator.can_bus import BusLine
 from hal.emulator.can_motor import EmulatedMotor
 from hal.emulator.faults import Faults
 from hal.emulator.robot import Joints
@@ -51,6 +53,7 @@ class StillRobot:
         self.commands: list[tuple[int, tuple[float, ...]]] = []
         self.checks = SimpleNamespace(kp_max=np.full(G1.num_joints, np.inf), kd_max=np.full(G1.num_joints, np.inf))
         self.torque_nm = np.zeros(G1.num_joints)
+        self.lock = threading.RLock()
         self._now_s = time.monotonic()
 
     def command(self, joint: int, *values: float) -> None:
@@ -84,12 +87,13 @@ def served(file: RobotFile, emulated_as: str) -> Iterator[tuple[RobotFile, BusLi
     bus = replace(file.buses[0], emulated_as=emulated_as)
     robot, faults = StillRobot(), Faults()
     line = BusLine(robot, faults, file, bus)
-    line.start()
+    loop = BusLoop([line])
+    loop.start()
     try:
         yield file.at({bus.name: line.wire.endpoint}), line
-        assert line.failure is None
+        assert loop.failure is None
     finally:
-        line.stop()
+        loop.stop()
 
 
 class Wireless:
@@ -115,15 +119,16 @@ class Wireless:
     def close(self) -> None:
         self.is_open = False
 
-    def send(self, frame: Frame) -> None:
+    def send(self, frames: Iterable[Frame]) -> None:
         if self.gone:
             self.close()
             raise DeviceError("bus bus: cannot send: gone")
-        self.sent.append(frame)
-        for one in self.motors:
-            for answer in one.hear(frame, time.monotonic()):
-                if not self.faults.fate(*one.keys).lost:
-                    self.say(answer)
+        for frame in frames:
+            self.sent.append(frame)
+            for one in self.motors:
+                for answer in one.hear(frame, time.monotonic()):
+                    if not self.faults.fate(*one.keys).lost:
+                        self.say(answer)
 
     def say(self, frame: Frame) -> None:
         self.waiting.append(frame)

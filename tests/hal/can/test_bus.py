@@ -9,7 +9,6 @@ import pytest
 
 from hal.can.codec import MotorCommand
 from hal.can.frame import Frame
-from hal.can.motor import Unanswered
 from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, switch_on
 from hal.types import DeviceError, DeviceFault
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, index, motor, robot_file
@@ -278,29 +277,13 @@ def test_switching_off_is_repeated_until_it_is_confirmed() -> None:
         switch_off(rig.bus, rig.bus.motors[1])
 
 
-def ages_of(delay_rounds: int, lost: frozenset[int] = frozenset(), rounds: int = 60) -> list[tuple[float, float]]:
-    """(age given, true age) in rounds of every answer, where the question of round k is answered in k + delay."""
-    waiting, arriving, ages = Unanswered(), {}, []
-    heard = False
-    for k in range(rounds):
-        asks = waiting.begin_round(heard)
-        heard = False
-        if asks:
-            waiting.ask(float(k))
-            arriving[k + delay_rounds] = k
-        if k in arriving and arriving[k] not in lost:
-            heard = True
-            ages.append((k - waiting.answer(), float(k - arriving[k])))
-    return ages
-
-
-def test_slow_answers_show_their_true_age() -> None:
-    for delay in (0, 1, 3, 6):
-        assert all(given == true for given, true in ages_of(delay))
-
-
-def test_after_a_lost_answer_ages_are_soon_true_again_and_never_too_low() -> None:
-    ages = ages_of(0, frozenset({4, 5, 30}))
-    assert all(given >= true for given, true in ages)
-    assert max(given for given, _ in ages) <= 2.0
-    assert all(given == true for given, true in ages[-10:])
+def test_a_round_looks_for_answers_when_the_wire_can_have_carried_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three Damiao: six frames of 8 bytes, 135 bits each with the most stuff bits, at 1 Mbit/s."""
+    rig = ready(Rig())
+    sent_s, looked_s = [], []
+    send, receive = rig.link.send, rig.link.receive
+    monkeypatch.setattr(rig.link, "send", lambda frames: (sent_s.append(time.monotonic()), send(frames)))
+    monkeypatch.setattr(rig.link, "receive", lambda until_s: (looked_s.append(time.monotonic()), receive(until_s))[1])
+    rig.round()
+    assert len(sent_s) == 1, "a round's frames are handed over together"
+    assert min(s for s in looked_s if s > sent_s[0]) - sent_s[0] >= 6 * 135e-6

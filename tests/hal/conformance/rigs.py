@@ -4,6 +4,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,9 +59,9 @@ class Emulators:
     """One emulator of each kind at a time, hung up anew for each test."""
 
     def __init__(self) -> None:
-        self._running: dict[tuple[str, str | None], Emulator] = {}
+        self._running: dict[tuple[str, Path | None], Emulator] = {}
 
-    def get(self, kind: str, config: str | None = None) -> Emulator:
+    def get(self, kind: str, config: Path | None = None) -> Emulator:
         """A running one, as after switching on; one that does not answer is replaced."""
         if kind == "dds":
             pytest.importorskip("cyclonedds")
@@ -96,9 +97,10 @@ def rig_names() -> list[str]:
     return [*simulated, *WIRES]
 
 
-def make_wire(wire: str, running: Emulators, robot: Robot = G1) -> Rig:
-    emulator = running.get(wire)
-    factory = wire_factory(wire, None, emulator.endpoints)
+def make_wire(wire: str, running: Emulators, robot: Robot = G1, config: Path | None = None) -> Rig:
+    """config: for both ends, instead of what the wire ships with."""
+    emulator = running.get(wire, config)
+    factory = wire_factory(wire, config, emulator.endpoints)
     times = {"control_period_s": PATIENT_PERIOD_S, "link_timeout_s": 10 * PATIENT_PERIOD_S}
     return Rig(EmulatedWireBackend(wire, robot, MonotonicClock(), factory, emulator, **times), True, emulator)
 

@@ -1,11 +1,14 @@
-"""Joints are matched by name, in whatever order the robot's table has them; signs and units are those of the world.
+"""Joints are matched by name, in whatever order the robot's table has them and however its servos are built in; signs
+and units are those of the world.
 
-The emulator's own view of its robot, by name, is the judge: it has never seen the permuted table.
+The emulator's own view of its robot, by name, is the judge: it has never seen the permuted table, and its servos turn
+directions, zeros and gears into joint values by arithmetic of their own (`can_motor`, `dynamixel_servo`).
 """
 
 import dataclasses
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from hal.clock import MonotonicClock
 from hal.open import WIRES
 from robot.robot import Robot
 from robot.rotations import quat_conjugate, quat_mul
+from tests.hal.conformance.geometry import SERVOS, built_otherwise
 from tests.hal.conformance.rigs import Emulators, Rig, make_wire, ready, wait_until
 from tests.hal.rigs import G1, PERIOD_S, hold, run
 
@@ -32,10 +36,21 @@ def wire(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(params=[None, 1, 2], ids=lambda seed: "table order" if seed is None else f"order {seed}")
-def rig(wire: str, request: pytest.FixtureRequest, running: Emulators) -> Iterator[Rig]:
-    robot = G1 if request.param is None else permuted(G1, request.param)
-    made = make_wire(wire, running, robot)
+@pytest.fixture(scope="module", params=[None, 1, 2], ids=lambda seed: "as shipped" if seed is None else f"seed {seed}")
+def seed(request: pytest.FixtureRequest) -> int | None:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def config(wire: str, seed: int | None, tmp_path_factory: pytest.TempPathFactory) -> Path | None:
+    if seed is None or wire not in SERVOS:
+        return None
+    return built_otherwise(wire, G1, seed, tmp_path_factory.mktemp("geometry"))
+
+
+@pytest.fixture
+def rig(wire: str, seed: int | None, config: Path | None, running: Emulators) -> Iterator[Rig]:
+    made = make_wire(wire, running, G1 if seed is None else permuted(G1, seed), config)
     yield made
     made.backend.close()
 

@@ -32,7 +32,7 @@ def others(values: np.ndarray, joint: str) -> np.ndarray:
 def test_opening_sets_up_and_energises_nothing(bench: Bench) -> None:
     bench.begin()
     assert bench.info.joint_names == ROBOT.joint_names
-    assert bench.info.has_watchdog
+    assert bench.info.watchdog.endswith("it stops and holds where it is")
     assert "stiffness 150 asked, 150.2 given" in bench.info.details[KNEE]
     bench.rounds(3)
     for servo in bench.servos:

@@ -2,6 +2,7 @@ import json
 import os
 import pty
 import socket
+import threading
 import time
 
 import numpy as np
@@ -106,6 +107,21 @@ def test_faults_come_and_go_over_the_control_socket(emulation, client):
     assert client.clear_fault("silence") == 1 and client.clear_fault() == 1
     with pytest.raises(InputError, match="hiccup"):
         client.fault("hiccup")
+
+
+def test_after_a_late_answer_the_next_request_gets_its_own(emulation):
+    """A request that takes too long is given up; what it would have been answered must not answer the next one."""
+    handle, slow = emulation.control._handle, threading.Event()
+    emulation.control._handle = lambda request: (request["do"] == "band" and slow.wait(60.0), handle(request))[1]
+    with ControlClient(emulation.ready()["control"], timeout_s=0.5) as client:
+        with pytest.raises(DeviceError, match="no answer to 'band'"):
+            client.band_attached()
+        slow.set()
+        client.timeout_s = 30.0
+        assert client.status()["kind"] == "wireless"
+        assert client.band_attached()
+    with pytest.raises(DeviceError, match="this client was closed"):
+        client.status()
 
 
 @pytest.mark.parametrize("line", [b"{", b"[]", b'{"do": 3}', b'{"do": "dance"}', b'{"do": "fault", "x": 1}', b"\xff"])

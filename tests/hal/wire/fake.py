@@ -44,8 +44,6 @@ class FakeFactory:
 
 
 class FakeDriver:
-    has_watchdog = False
-
     def __init__(self, robot, setup):
         self.robot, self.setup = robot, setup
         self.joint_names = robot.joint_names
@@ -66,7 +64,7 @@ class FakeDriver:
         self.note("identify")
         if self.setup.refuse:
             raise self.setup.refuse_with(self.setup.refuse)
-        return DeviceInfo("fake", self.joint_names, has_watchdog=False, details={"wire": "none"})
+        return DeviceInfo("fake", self.joint_names, details={"wire": "none"})
 
     def start(self, outbox, state):
         self.outbox, self.state = outbox, state

@@ -1,0 +1,1 @@
+"""The commands motion/process, motion/view, motion/check and motion/list."""

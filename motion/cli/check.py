@@ -1,0 +1,88 @@
+"""The command `motion/check`: what keeps clips from being performed."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from motion.cli.guard import BAD_INPUT_CODE, NOT_TRACKABLE_CODE, guarded
+from motion.cli.text_table import text_table
+from motion.filter import Verdict, judge
+from motion.library import open_motion
+from motion.physics_checks import check_clip
+from motion.report.page import FIGURES, figure_text
+from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures
+from motion.report.trace import trace_clip
+from robot.arguments import ArgumentParser, positive_argument
+from robot.errors import InputError
+from robot.robot import Robot, load_robot
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong with one clip; `figures` by key of report.json."""
+
+    name: str
+    verdict: Verdict
+    figures: dict[str, Any]
+
+
+def build_parser() -> ArgumentParser:
+    """The options, as people script against them."""
+    parser = ArgumentParser(
+        "motion/check",
+        description="Print the physical violations of clips. Ends with 1 when one of them is not trackable.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("clips", nargs="+", metavar="CLIP", help="bundled name, or a file of a robot's motion")
+    parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE", help="whose motion (default g1_23dof)")
+    parser.add_argument("--fps", type=positive_argument, metavar="F", help="frame rate, for files that do not say")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check. Returns the exit code: 0 all trackable, 1 one is not, 2 bad input."""
+    return guarded(lambda: _run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    options = build_parser().parse_args(arguments)
+    robot = load_robot(options.robot)
+    findings, errors = [], []
+    for name in options.clips:
+        try:
+            findings.append(find(name, robot, options.fps))
+        except InputError as error:
+            errors.append(f"error: {error}")
+    if findings:
+        print(report(findings), flush=True)
+    for line in errors:
+        print(line, file=sys.stderr)
+    if errors:
+        return BAD_INPUT_CODE
+    return 0 if all(finding.verdict.stable for finding in findings) else NOT_TRACKABLE_CODE
+
+
+def find(name_or_file: str, robot: Robot, fps: float | None = None) -> Finding:
+    """Judge one clip. Raises InputError when it cannot be read."""
+    clip = open_motion(name_or_file, robot, csv_fps=fps)
+    verdict = judge((clip, robot))
+    return Finding(name_or_file, verdict, figures(check_clip(clip, robot), trace_clip(clip, robot), verdict))
+
+
+def report(findings: Sequence[Finding]) -> str:
+    """A table with a line a clip, and under it why the clips that are not trackable are not."""
+    heads = ("clip", "verdict", *(f"{label} mm" if unit == "mm" else label for label, unit, _ in FIGURES.values()))
+    rows = []
+    for finding in findings:
+        verdict = TRACKABLE if finding.verdict.stable else NOT_TRACKABLE
+        rows.append((finding.name, verdict, *(_cell(finding.figures[key]) for key in FIGURES)))
+    said = [f"{finding.name}: {reason}" for finding in findings for reason in finding.verdict.reasons]
+    for finding in findings:
+        pairs = finding.figures["self_collisions"].items()
+        said += [f"{finding.name}: {pair} inside each other in {frames} frames" for pair, frames in pairs]
+    return "\n".join([text_table(heads, rows, right=range(2, len(heads))), *said])
+
+
+def _cell(value: Any) -> str:
+    return str(sum(value.values())) if isinstance(value, dict) else figure_text(value)

@@ -1,0 +1,142 @@
+"""The command `motion/process`: recorded motions in, clips and reports out."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
+from motion.cli.guard import NOT_TRACKABLE_CODE, guarded
+from motion.cli.parallel import available_cores, run_all
+from motion.clip import clip_to_bytes
+from motion.human.bvh import UNITS_M
+from motion.human.placing import UPRIGHT_WXYZ
+from motion.pipeline import Request, process
+from motion.report.page import report_page
+from motion.report.record import TRACKABLE, document, json_text
+from robot.arguments import (
+    ArgumentParser,
+    number_argument,
+    path_argument,
+    positive_argument,
+    positive_count_argument,
+)
+from robot.errors import InputError
+
+DEFAULT_FOLDER = Path("motions")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One input, and the folder that receives what becomes of it; whether the folder around that is made as well."""
+
+    request: Request
+    folder: Path
+    makes_parent: bool
+
+
+def build_parser() -> ArgumentParser:
+    """The options, as people script against them."""
+    parser = ArgumentParser(
+        "motion/process",
+        description="Make clips that the robot can follow out of recorded motions. Ends with 1 when one is not "
+        "trackable.",
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    kinds = "AMASS .npz, GVHMR .pt, BVH, PBHC .pkl, CSV of 29 or 23 joints, mjlab .npz, kata clip"
+    add("--input", type=path_argument, action="extend", nargs="+", required=True, metavar="FILE",
+        help=f"one or several of {kinds}; told by their content")  # fmt: skip
+    add("--name", metavar="N", help="of the clip (default: the file's)")
+    add("--robot", default="g1_23dof", metavar="NAME|FILE", help="who is to follow it (default g1_23dof)")
+    add("--fps", type=positive_argument, metavar="F", help="frame rate of the file, also against what it says")
+    add("--start", type=number_argument, metavar="S", help="leave out what comes before S seconds")
+    add("--end", type=positive_argument, metavar="E", help="leave out what comes after E seconds")
+    add("--output", type=path_argument, metavar="DIR", help="receives N.npz and its report (default motions/N); of "
+        "several inputs each has a folder in it")  # fmt: skip
+    add("--loop", action="store_true", help="let the end run into the beginning")
+    add("--mirror", action="store_true", help="exchange left and right")
+    add("--skeleton", type=path_argument, metavar="FILE", help="mapping of a BVH skeleton that is not recognised")
+    add("--unit", choices=tuple(UNITS_M), help="of a BVH's lengths, where its size does not tell")
+    add("--up", choices=tuple(UPRIGHT_WXYZ), help="the file's axis that points up, where it is in doubt; --up=-y")
+    add("--body-models", type=path_argument, metavar="DIR", help="the licensed SMPL or SMPL-X model files")
+    add("--jobs", type=positive_count_argument, metavar="K", help="inputs at the same time (default: as many as cores)")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Process. Returns the exit code, the worst of all inputs: 0 trackable, 1 not trackable, 2 bad input."""
+    return guarded(lambda: _run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    options = build_parser().parse_args(arguments)
+    jobs = jobs_of(options)
+    return max(run_all(_work, jobs, min(options.jobs or available_cores(), len(jobs))))
+
+
+def jobs_of(options: argparse.Namespace) -> list[Job]:
+    """One job an input. Raises InputError on options that contradict each other."""
+    names = [checked_name(options.name or path.stem) for path in options.input]
+    if options.name is not None and len(names) > 1:
+        raise InputError("one name for several inputs", where="--name", got=options.name, expected="no --name")
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        hint = "rename one of the files, or process them one by one with --name"
+        raise InputError("inputs of one name", where="--input", got=", ".join(repeated), hint=hint)
+    start_s = options.start or 0.0
+    if options.end is not None and options.end <= start_s:
+        raise InputError("nothing is left", where="--end", got=options.end, expected=f"more than {start_s:g} s")
+    one_folder = options.output is not None and len(names) == 1
+    parent = options.output or DEFAULT_FOLDER
+    return [
+        Job(_request(options, path, name), parent if one_folder else parent / name, makes_parent=not one_folder)
+        for path, name in zip(options.input, names, strict=True)
+    ]
+
+
+def checked_name(name: str) -> str:
+    """`name`, if files can be called so. Raises InputError."""
+    if Path(name).name != name or name.startswith((".", "-")) or not name.isprintable():
+        raise InputError("cannot be a clip's name", where="--name", got=repr(name), expected="a plain file name")
+    return name
+
+
+def _request(options: argparse.Namespace, path: Path, name: str) -> Request:
+    return Request(
+        file=path,
+        name=name,
+        robot=options.robot,
+        fps=options.fps,
+        start_s=options.start,
+        end_s=options.end,
+        loop=options.loop,
+        mirror=options.mirror,
+        skeleton=options.skeleton,
+        unit=options.unit,
+        up=options.up,
+        body_models=options.body_models,
+    )
+
+
+def _work(job: Job) -> int:
+    """One input from end to end. Returns its exit code."""
+    return guarded(lambda: _process(job))
+
+
+def _process(job: Job) -> int:
+    name = job.request.name
+
+    def say(text: str) -> None:
+        print(f"{name}: {text}", flush=True)
+
+    check_folder(job.folder, makes_parent=job.makes_parent)
+    record = process(job.request, say)
+    say("report")
+    files = {} if record.clip is None else {f"{name}.npz": clip_to_bytes(record.clip)}
+    content = json_text(document(record))
+    files |= {REPORT_HTML: report_page(record).encode(), REPORT_JSON: content.encode()}
+    write_folder(job.folder, files, makes_parent=job.makes_parent)
+    say(f"{record.verdict}, {job.folder}")
+    for reason in record.reasons:
+        say(f"  {reason}")
+    return 0 if record.verdict == TRACKABLE else NOT_TRACKABLE_CODE

@@ -1,0 +1,1 @@
+"""Human motion: read from many formats into one skeleton, judged and corrected before retargeting."""

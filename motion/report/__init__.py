@@ -1,0 +1,1 @@
+"""What a processed motion tells of itself: report.html and report.json."""

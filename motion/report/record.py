@@ -1,0 +1,154 @@
+"""All that is known of one processed input, and its report.json."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from motion.clip import Clip
+from motion.filter import Verdict
+from motion.human.motion import HumanMotion
+from motion.physics_checks import ClipReport, check_clip
+from motion.report.trace import Trace, trace_clip
+from robot.robot import Robot
+
+CREATED_BY = "kata motion/process"
+TRACKABLE, NOT_TRACKABLE = "trackable", "not trackable"
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One processed input.
+
+    Attributes:
+        name: of the clip.
+        file: name of the input, without its folder; sha256: of its bytes.
+        options: how it was processed, plain values.
+        notes: what was assumed or detected on the way.
+        before: the motion as it was read, cut to the wanted span; its verdict: input_verdict.
+        after: the same span on the robot; clip: as it is written, with its ends; clip_verdict: of that.
+        failure: why there is no clip; None where there is one.
+    """
+
+    name: str
+    robot: Robot
+    file: str
+    sha256: str
+    options: Mapping[str, Any]
+    notes: tuple[str, ...]
+    before: HumanMotion | Clip
+    input_verdict: Verdict
+    after: Clip | None = None
+    clip: Clip | None = None
+    clip_verdict: Verdict | None = None
+    failure: str | None = None
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the motion is not trackable; none for one that is."""
+        found = [f"input: {reason}" for reason in self.input_verdict.reasons]
+        if self.clip_verdict is not None:
+            found += [f"clip: {reason}" for reason in self.clip_verdict.reasons]
+        if self.failure is not None:
+            found.append(f"no clip: {self.failure}")
+        return tuple(found)
+
+    @property
+    def verdict(self) -> str:
+        """TRACKABLE or NOT_TRACKABLE."""
+        return TRACKABLE if all(one is not None and one.stable for one in verdicts(self).values()) else NOT_TRACKABLE
+
+    @cached_property
+    def trace(self) -> Trace | None:
+        """The written clip frame by frame."""
+        return None if self.clip is None else trace_clip(self.clip, self.robot)
+
+    @cached_property
+    def checks(self) -> ClipReport | None:
+        """The written clip's figures."""
+        return None if self.clip is None else check_clip(self.clip, self.robot)
+
+
+def document(record: Record) -> dict[str, Any]:
+    """The content of report.json. Figures are of the written clip, null where there is none."""
+    return {
+        "verdict": record.verdict,
+        "reasons": list(record.reasons),
+        **figures(record.checks, record.trace, record.clip_verdict),
+        "failing_frames": _failing_frames(record),
+        "rules": {name: _rules(verdict) for name, verdict in verdicts(record).items()},
+        "notes": list(record.notes),
+        "input": {
+            "file": record.file,
+            "sha256": record.sha256,
+            "fps": record.before.fps,
+            "frames": record.before.num_frames,
+            "duration_s": record.before.duration_s,
+        },
+        "clip": _clip_facts(record.clip),
+        "robot": record.robot.name,
+        "options": dict(record.options),
+        "created_by": CREATED_BY,
+    }
+
+
+def figures(checks: ClipReport | None, trace: Trace | None, verdict: Verdict | None) -> dict[str, Any]:
+    """Worst frame or worst contact in mm, counts of frames x joints, frames a colliding pair; None without a clip."""
+    if checks is None or trace is None or verdict is None:
+        keys = ("penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames")
+        return dict.fromkeys((*keys, "limit_violations", "speed_violations", "self_collisions"))
+    supported = np.isfinite(verdict.distance_m)
+    worst_m = float(verdict.distance_m[supported].max()) if supported.any() else None
+    return {
+        "penetration_mm": _mm(float(trace.penetration_m.max())),
+        "floating_mm": _mm(checks.float_m),
+        "sliding_mm": _mm(checks.max_slide_m),
+        "com_cop_mm": None if worst_m is None else _mm(worst_m),
+        "airborne_frames": int((~supported).sum()),
+        "limit_violations": checks.position_violations,
+        "speed_violations": checks.speed_violations,
+        "self_collisions": checks.self_collisions,
+    }
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """JSON with one entry of the outermost level a line. Raises ValueError on numbers that JSON does not have."""
+    lines = [f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def verdicts(record: Record) -> dict[str, Verdict | None]:
+    """Of the input and of the written clip, None where there is none."""
+    return {"input": record.input_verdict, "clip": record.clip_verdict}
+
+
+def _failing_frames(record: Record) -> dict[str, list[int] | None]:
+    return {name: None if one is None else one.failing_frames.tolist() for name, one in verdicts(record).items()}
+
+
+def _rules(verdict: Verdict | None) -> dict[str, dict[str, Any]] | None:
+    """What each rule of the filter found."""
+    if verdict is None:
+        return None
+    return {
+        finding.rule: {"passed": finding.passed, "value": _finite(finding.value), "limit": finding.limit}
+        for finding in verdict.findings
+    }
+
+
+def _clip_facts(clip: Clip | None) -> dict[str, Any] | None:
+    if clip is None:
+        return None
+    facts = {"fps": clip.fps, "frames": clip.num_frames, "duration_s": clip.duration_s, "sha256": clip.sha256}
+    return facts | {"source": clip.source, "license": clip.license}
+
+
+def _mm(length_m: float) -> float:
+    return round(1e3 * length_m, 3)
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 6) if np.isfinite(value) else None

@@ -1,0 +1,25 @@
+"""What a run over an emulated wire reports besides."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from hal.clock import MonotonicClock
+from hal.types import DeviceError
+from hal.wire.backend import WireBackend
+from hal.wire.emulated import EmulatedWireBackend
+from tests.hal.rigs import G1
+
+
+def test_the_report_holds_what_the_emulator_found_as_long_as_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"late": {"worst_ms": 3.0}, "violations": {"counts": {"torque": 2}}}
+
+    def gone() -> None:
+        raise DeviceError("emulator at nowhere: it has ended")
+
+    monkeypatch.setattr(WireBackend, "report", lambda self: {"cycles": {}})
+    control = SimpleNamespace(status=lambda: {"time_s": 1.0, **found})
+    backend = EmulatedWireBackend("wire", G1, MonotonicClock(), lambda robot: None, SimpleNamespace(control=control))
+    assert backend.report() == {"cycles": {}, "emulator": found}
+    control.status = gone
+    assert backend.report() == {"cycles": {}}

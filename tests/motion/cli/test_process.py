@@ -1,0 +1,133 @@
+"""The command motion/process: what it writes, what it refuses, and its exit codes."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from motion.cli.process import main
+from motion.clip import load_clip, save_clip
+from motion.report.record import CREATED_BY
+
+
+@pytest.fixture(autouse=True)
+def light(monkeypatch, tmp_path):
+    """Works in an empty folder; pages are small and plainly drawn."""
+    monkeypatch.setenv("KATA_RENDERER", "software")
+    monkeypatch.setattr("motion.report.page.STRIP_SIZE_PX", 32)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def no_page(monkeypatch):
+    monkeypatch.setattr("motion.cli.process.report_page", lambda record: f"page of {record.name}")
+
+
+def held(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def floating(standing_clip, num_frames=61):
+    return standing_clip(
+        num_frames, root_pos_w=np.tile([0.0, 0.0, 1.8], (num_frames, 1)), contact=np.zeros((num_frames, 2))
+    )
+
+
+def test_a_clip_with_its_report(standing_clip, tmp_path, capsys):
+    save_clip(standing_clip(), tmp_path / "still.npz")
+    assert main(["--input", str(tmp_path / "still.npz")]) == 0
+    folder = tmp_path / "motions" / "still"
+    assert held(folder) == ["report.html", "report.json", "still.npz"]
+    told = json.loads((folder / "report.json").read_text())
+    assert told["verdict"] == "trackable" and told["created_by"] == CREATED_BY
+    content = (tmp_path / "still.npz").read_bytes()
+    assert told["input"]["file"] == "still.npz" and told["input"]["sha256"] == hashlib.sha256(content).hexdigest()
+    assert told["clip"]["sha256"] == load_clip(folder / "still.npz").sha256
+    for name in ("report.html", "report.json"):
+        assert str(tmp_path) not in (folder / name).read_text()
+    said = capsys.readouterr().out.splitlines()
+    assert all(line.startswith("still: ") for line in said) and said[-1] == "still: trackable, motions/still"
+
+
+def test_a_motion_that_cannot_be_followed(standing_clip, tmp_path, no_page, capsys):
+    save_clip(floating(standing_clip), tmp_path / "high.npz")
+    assert main(["--input", "high.npz", "--output", "out"]) == 1
+    assert held(tmp_path / "out") == ["high.npz", "report.html", "report.json"]
+    told = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert told["verdict"] == "not trackable" and len(told["failing_frames"]["input"]) == 61
+    for reason in told["reasons"]:
+        assert f"high:   {reason}" in capsys.readouterr().out
+        break
+    assert main(["--input", "high.npz", "--output", "out", "--end", "1", "--loop"]) == 1  # too short for a loop
+    assert held(tmp_path / "out") == ["report.html", "report.json"]
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        (None, [], "no such file"),
+        (b"", [], "empty file"),
+        (b"PK\x03\x04 half a file", [], "damaged"),
+        (b"HIERARCHY\nROOT Hips\n{", [], ""),
+        (b"1,2,3\n", [], "wrong number of columns"),
+        (b",".join([b"nan"] * 36) + b"\n" + b",".join([b"0"] * 36), [], "not finite"),
+        (b",".join([b"0"] * 36), [], "too few frames"),
+        ("clip", ["--fps", "0"], "expected a number above 0"),
+        ("clip", ["--fps", "1e9"], "out of range"),
+        ("clip", ["--start", "99"], "times outside the motion"),
+        ("clip", ["--start", "2", "--end", "1"], "nothing is left"),
+        ("clip", ["--loop"], "too short to loop"),
+        ("clip", ["--name", "a/b"], "cannot be a clip's name"),
+        ("clip", ["--name", ".."], "cannot be a clip's name"),
+        ("clip", ["--robot", "nobody"], "unknown robot"),
+        ("clip", ["--output", "no/such"], "no such folder"),
+        ("clip", ["--output", "."], "folder is in use"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(standing_clip, tmp_path, capsys, content, options, message):
+    path = tmp_path / "given.npz"
+    if content == "clip":
+        save_clip(standing_clip(), path)
+    elif content is not None:
+        path = tmp_path / "given.csv"
+        path.write_bytes(content)
+    before = held(tmp_path)
+    assert main(["--input", str(path), *options]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and message in error
+    assert held(tmp_path) == before
+
+
+def test_results_are_replaced_and_other_things_are_not(standing_clip, tmp_path, no_page, capsys):
+    save_clip(standing_clip(), "a.npz")
+    assert [main(["--input", "a.npz"]), main(["--input", "a.npz", "--mirror"])] == [0, 0]
+    assert json.loads((tmp_path / "motions/a/report.json").read_text())["options"] == {"mirror": True}
+    (tmp_path / "motions/a/mine.txt").write_text("mine")
+    assert main(["--input", "a.npz"]) == 2
+    assert "folder is in use" in capsys.readouterr().err
+    assert held(tmp_path / "motions/a") == ["a.npz", "mine.txt", "report.html", "report.json"]
+
+
+def test_one_bad_input_of_several_stops_nobody(standing_clip, tmp_path, capfd):
+    save_clip(standing_clip(), "good.npz")
+    (tmp_path / "bad.csv").write_text("hello")
+    assert main(["--input", "bad.csv", "good.npz", "--input", "missing.bvh", "--jobs", "2", "--output", "out"]) == 2
+    assert held(tmp_path / "out") == ["good", "good/good.npz", "good/report.html", "good/report.json"]
+    told = capfd.readouterr()
+    assert told.err.count("error: ") == 2 and "good: trackable" in told.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--input", "a.npz", "b/a.csv"], "inputs of one name, got a"),
+        (["--input", "a.npz", "b.npz", "--name", "c"], "one name for several inputs"),
+        (["--input", "a.npz", "--jobs", "0"], "expected a whole number from 1 up"),
+        ([], "--input"),
+    ],
+)
+def test_contradicting_options(options, message, capsys, tmp_path):
+    assert main(options) == 2
+    assert message in capsys.readouterr().err
+    assert held(tmp_path) == []

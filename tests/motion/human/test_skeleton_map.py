@@ -1,0 +1,57 @@
+"""Mapping files of BVH skeletons: the bundled ones, and what is said of wrong ones."""
+
+import pytest
+
+from motion.human.motion import JOINTS
+from motion.human.skeleton_map import OPTIONAL, SKELETONS, load_skeleton_map, recognised
+from robot.errors import InputError
+
+BUNDLED = sorted(path.stem for path in SKELETONS.glob("*.yaml"))
+GOOD = (SKELETONS / "mocapbank.yaml").read_text()
+
+
+def test_the_bundled_ones():
+    assert BUNDLED == ["cmu", "lafan1", "mixamo", "mocapbank"]
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_each_is_recognised_by_its_own_names(name):
+    mapping = load_skeleton_map(SKELETONS / f"{name}.yaml")
+    assert set(JOINTS) - OPTIONAL <= set(mapping.joints)
+    for prefix in ("", "mixamorig:", "Character1_"):
+        names = [prefix + theirs for theirs in mapping.joints.values()]
+        assert recognised([*names, "Extra"], "a.bvh").name == name
+        assert mapping.prefix_in(names) == prefix
+        assert mapping.prefix_in(names[:-1]) is None
+
+
+WRONG = {
+    "missing joint": (("  neck: Neck\n", ""), "joints: missing field neck"),
+    "unknown joint": (("  neck: Neck\n", "  neck: Neck\n  tail: Tail\n"), "joints: unknown field tail"),
+    "one for several": (("neck: Neck", "neck: Head"), "joints: one joint for several, got Head"),
+    "unknown field": (("t_pose: {}", "t_pose: {}\nunits: cm"), "unknown field units"),
+    "no foot": (("foot:", "feet:"), "unknown field feet and missing field foot"),
+    "where": (("at: toe", "at: heel"), "foot: at: wrong value, got heel, expected ball or toe"),
+    "depth": (("0.028", "deep"), "foot: above_sole_m: not a finite number, got 'deep'"),
+    "t_pose list": (("t_pose: {}", "t_pose: [1]"), "t_pose: not a table"),
+    "t_pose channel": (("t_pose: {}", "t_pose: {Hips: {Wrotation: 3}}"), "t_pose: Hips: unknown field Wrotation"),
+    "t_pose value": (("t_pose: {}", "t_pose: {Hips: {Zrotation: x}}"), "t_pose: Hips: Zrotation: not a finite number"),
+    "not YAML": (("joints:", "joints: ["), "not a readable YAML file"),
+    "a list": ((GOOD, "- 1"), "not a table, got list"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), WRONG.values(), ids=WRONG)
+def test_errors_name_file_and_field(tmp_path, change, message):
+    assert change[0] in GOOD
+    (tmp_path / "my.yaml").write_text(GOOD.replace(*change))
+    with pytest.raises(InputError, match=rf"my\.yaml(: {message})"):
+        load_skeleton_map(tmp_path / "my.yaml")
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(InputError, match=r"--skeleton: no such file, got .*no\.yaml, expected a mapping like those in"):
+        load_skeleton_map(tmp_path / "no.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"binary\.yaml: not a readable YAML file"):
+        load_skeleton_map(tmp_path / "binary.yaml")
