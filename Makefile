@@ -31,9 +31,10 @@ lint: install  ## ruff, mypy, import-linter
 	$(BIN)/mypy $(CODE)
 	$(BIN)/lint-imports
 
-bench: install  ## timings of the control loop and of training on this machine
+bench: install  ## timings of the control loop, of training and of retargeting on this machine
 	$(RUN) benchmarks/control_loop.py
 	$(RUN) benchmarks/train_throughput.py
+	$(RUN) benchmarks/retarget.py
 
 train: install  ## train the bundled taichi clip (hours; see README)
 	$(RUN) train/run.py motion=taichi

@@ -25,7 +25,7 @@ try:
     import numpy as np
 
     from deploy.outputs import check_output_file, write_json
-    from motion.contact import contact_of
+    from motion.contact import contact_of, staying_contact
     from motion.human.correct import correct_height
     from motion.human.motion import JOINTS, HumanMotion
     from motion.human.skeleton import FEET, MEAN_SKELETON, posed, soles_w
@@ -106,7 +106,7 @@ def processor_time_s(human: HumanMotion, contact: np.ndarray) -> float:
 
 def measure(human: HumanMotion, jobs: int) -> dict[str, Any]:
     """The figures that main prints."""
-    contact = contact_of(human)
+    contact = staying_contact(human, contact_of(human))
     human = correct_height(human, contact)
     whole_s = processor_time_s(human, contact)
     seconds: dict[str, float] = defaultdict(float)

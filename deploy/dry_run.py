@@ -46,10 +46,11 @@ def dry_run(
     for tick in range(ticks):
         if stopped():
             break
-        clock.sleep_until(start_s + tick * period_s)
-        timer.begin()
+        deadline_s = start_s + tick * period_s
+        clock.sleep_until(deadline_s)
+        timer.begin(clock.now_s() - deadline_s)
         watch.tick(backend, runs, guard, timer)
-        timer.overruns += clock.now_s() > start_s + (tick + 1) * period_s
+        timer.overruns += clock.now_s() > deadline_s + period_s
     return watch.checks(timer, period_s)
 
 

@@ -79,8 +79,9 @@ class Loop:
         self._start_s = clock.now_s()
         due = 0
         while not self.ended_by:
-            clock.sleep_until(self._start_s + due * period_s)
-            timer.begin()
+            deadline_s = self._start_s + due * period_s
+            clock.sleep_until(deadline_s)
+            timer.begin(clock.now_s() - deadline_s)
             reading = self._read()
             timer.lap("read")
             result = self._tick(reading, self._requests(reading), self._inference_s, self._lap)

@@ -24,12 +24,14 @@ class PhaseTimer:
         self._begun_s = self._last_s = 0.0
         self._laps: dict[str, float] = {}
         self.overruns = 0
+        self._late_ms: list[float] = []
         self._ticks_ms: list[float] = []
         self._ages_ms: list[float] = []
         self._phases_ms: dict[str, list[float]] = {phase: [] for phase in PHASES}
 
-    def begin(self) -> None:
-        """A tick starts."""
+    def begin(self, late_s: float = 0.0) -> None:
+        """A tick starts, late_s after its deadline."""
+        self._late_ms.append(1e3 * late_s)
         self._begun_s = self._last_s = self._now_s()
         self._laps = {}
 
@@ -60,6 +62,7 @@ class PhaseTimer:
     def report(self) -> dict[str, object]:
         """What the JSON result holds under "timing"."""
         return {
+            "late_ms": percentiles(self._late_ms),
             "tick_ms": percentiles(self._ticks_ms),
             "state_age_ms": percentiles(self._ages_ms),
             "phases_ms": {phase: percentiles(values) for phase, values in self._phases_ms.items()},

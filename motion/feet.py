@@ -1,4 +1,4 @@
-"""Where the soles are, and when a foot stands: the contact rule of the paper (Eq. 2)."""
+"""Where the soles are and how they lie, and when a foot stands: the contact rule of the paper (Eq. 2)."""
 
 import numpy as np
 
@@ -22,6 +22,26 @@ def sole_points_w(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarr
 def lowest_sole_m(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
     """Height (N,) in m of the lowest sole point in each of N frames."""
     return sole_points_w(robot, body_pos_w, body_quat_wxyz)[..., 2].min(axis=(1, 2))
+
+
+def sole_normal_w(sole_w: np.ndarray) -> np.ndarray:
+    """Upward unit normal (N,2,3) of each sole (N,2,S,3), taken as the plane nearest to its points."""
+    spread = sole_w - sole_w.mean(axis=2, keepdims=True)
+    _, axes = np.linalg.eigh(np.einsum("nfsi,nfsj->nfij", spread, spread))
+    normal = axes[..., 0]
+    return np.where(normal[..., 2:] < 0.0, -normal, normal)
+
+
+def flat_middle_w(sole_w: np.ndarray) -> np.ndarray:
+    """Where (N,2,2) the middle of each sole (N,2,S,3) would be on the ground if it were laid flat about its lowest
+    point: a foot that rolls over heel or toes stays where it is."""
+    lowest = sole_w[..., 2].argmin(axis=2)[..., None, None]
+    pivot = np.take_along_axis(sole_w, lowest, axis=2)[:, :, 0]
+    way, normal = sole_w.mean(axis=2) - pivot, sole_normal_w(sole_w)
+    axis = np.cross(normal, [0.0, 0.0, 1.0])  # Rodrigues' formula for the shortest turn of the normal to the vertical
+    aside = np.cross(axis, way)
+    flat = way + aside + np.cross(axis, aside) / (1.0 + normal[..., 2:])
+    return (pivot + flat)[..., :2]
 
 
 def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:

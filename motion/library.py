@@ -21,7 +21,8 @@ def bundled_names() -> tuple[str, ...]:
 def open_motion(name_or_file: str | Path, robot: Robot, *, csv_fps: float | None = None) -> Clip:
     """The bundled clip of that name, or the robot's motion in that file, its format told by the content.
 
-    The clip's joints are those of `robot`, in whatever order. `csv_fps` is the frame rate of a CSV, which does not say.
+    The clip's joints are those of `robot`, in whatever order. `csv_fps` is the frame rate of a CSV, which does not say;
+    it counts more than what another file says.
     Raises InputError: no such clip or file, unknown format, damaged, other joints, or the motion of a human.
     """
     path = _find(name_or_file)

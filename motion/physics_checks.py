@@ -87,6 +87,15 @@ def phases(active: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def bridged(standing: np.ndarray, fps: float, gap_s: float) -> np.ndarray:
+    """`standing` (N,) with the gaps inside it that are shorter than `gap_s` filled."""
+    filled = standing.copy()
+    for first, end in phases(~standing):
+        if first > 0 and end < len(standing) and end - first < gap_s * fps:
+            filled[first:end] = True
+    return filled
+
+
 def position_violations(joint_pos_rad: np.ndarray, robot: Robot) -> np.ndarray:
     """(N,J) True where a joint is outside its range; joint_pos_rad (N,J) in the robot's order."""
     below = joint_pos_rad < robot.pos_lower_rad - LIMIT_TOLERANCE_RAD

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motion.clip import Clip
-from motion.contact import contact_of
+from motion.contact import contact_of, staying_contact
 from motion.filter import Verdict, judge
 from motion.finish import loop_clip, mirror_clip, with_default_ends
 from motion.human.correct import correct_height
@@ -18,7 +18,7 @@ from motion.human.segment import segment_motion
 from motion.read import read_motion
 from motion.report.record import CREATED_BY, Record
 from motion.resample import resample
-from motion.retarget.clean import clean_robot_motion, largest_change
+from motion.retarget.clean import Change, clean_robot_motion, largest_change
 from motion.retarget.retarget import retarget
 from motion.retarget.settings import RetargetSettings, load_settings
 from motion.settings import read_section
@@ -83,7 +83,7 @@ def process(request: Request, say: Say) -> Record:
         input_verdict=verdict,
     )
     try:
-        after, notes = _on_the_robot(before, robot, settings, say)
+        after, change, notes = _on_the_robot(before, robot, settings, say)
         clip = _finished(after, robot, request, output)
     except InputError as error:
         if verdict.stable:
@@ -91,7 +91,7 @@ def process(request: Request, say: Say) -> Record:
         return replace(record, failure=str(error))
     own = judge((clip, robot))
     say(f"finish: {clip.num_frames} frames at {clip.fps:g} per second, {clip.duration_s:.2f} s, {_judged(own)}")
-    return replace(record, notes=notes, after=after, clip=clip, clip_verdict=own)
+    return replace(record, notes=notes, after=after, change=change, clip=clip, clip_verdict=own)
 
 
 def notes_of(motion: HumanMotion | Clip) -> tuple[str, ...]:
@@ -121,24 +121,25 @@ def _digest(path: Path) -> str:
 
 def _on_the_robot(
     before: HumanMotion | Clip, robot: Robot, settings: RetargetSettings, say: Say
-) -> tuple[Clip, tuple[str, ...]]:
-    """The motion frame by frame on the robot, and all notes so far."""
+) -> tuple[Clip, Change | None, tuple[str, ...]]:
+    """The motion frame by frame on the robot, how far a robot's own was changed, and all notes so far."""
     if isinstance(before, Clip):
-        say(f"contact: {_shares(before.contact)}, as in the file")
-        clip = clean_robot_motion(before, robot, settings)
-        note = _changed(before, clip, robot)
-        say(f"correct: {note}")
-        return clip, (*notes_of(before), note)
-    contact = contact_of(before)
-    say(f"contact: {_shares(contact)}")
+        contact = staying_contact((before, robot), before.contact)
+        say(f"contact: {_stood(before.contact, contact)}")
+        clip = clean_robot_motion(replace(before, contact=contact), robot, settings)
+        change = largest_change(before, clip, robot)
+        say(f"correct: {_changed(change)}")
+        return clip, change, (*notes_of(before), _changed(change))
+    found = contact_of(before)
+    contact = staying_contact(before, found)
+    say(f"contact: {_stood(found, contact)}")
     corrected = correct_height(before, contact)
     say(f"correct: {corrected.notes[-1]}")
     say(f"retarget: onto {robot.name}")
-    return retarget(corrected, contact, robot, settings), corrected.notes
+    return retarget(corrected, contact, robot, settings), None, corrected.notes
 
 
-def _changed(before: Clip, after: Clip, robot: Robot) -> str:
-    change = largest_change(before, after, robot)
+def _changed(change: Change) -> str:
     turns = f"{np.rad2deg(change.root_rad):.1f} degrees, a joint by {np.rad2deg(change.joint_rad):.1f} ({change.joint})"
     return f"Height, limits and feet were corrected: the root by up to {1e3 * change.root_m:.0f} mm and {turns}."
 
@@ -155,6 +156,9 @@ def _judged(verdict: Verdict) -> str:
     return "passed" if verdict.stable else "not passed"
 
 
-def _shares(contact: np.ndarray) -> str:
+def _stood(found: np.ndarray, contact: np.ndarray) -> str:
+    """How much the feet stand, and how much of the contact found was none."""
     left, right = 100.0 * (contact > 0.5).mean(axis=0)
-    return f"left foot in {left:.0f} % of the frames, right foot in {right:.0f} %"
+    travels = 100.0 * ((found > 0.5) & (contact <= 0.5)).any(axis=1).mean()
+    cut = f"; cut in {travels:.0f} %, where a foot travels" if travels else ""
+    return f"left foot in {left:.0f} % of the frames, right foot in {right:.0f} %{cut}"

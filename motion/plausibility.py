@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motion.feet import CONTACT_RULE_FPS
+from motion.feet import CONTACT_RULE_FPS, sole_normal_w
 from motion.physics_checks import (
     MAX_UNSTABLE_FRAMES,
     NEAR_GROUND_M,
@@ -163,10 +163,8 @@ def outside_support_m(point_xy: np.ndarray, bearing_w: np.ndarray) -> np.ndarray
 
 
 def sole_lean_rad(sole_w: np.ndarray) -> np.ndarray:
-    """Angle (N,2) between each sole, as the plane nearest to its points (N,2,S,3), and the ground."""
-    spread = sole_w - sole_w.mean(axis=2, keepdims=True)
-    _, axes = np.linalg.eigh(np.einsum("nfsi,nfsj->nfij", spread, spread))
-    return np.arccos(np.clip(np.abs(axes[..., 2, 0]), 0.0, 1.0))
+    """Angle (N,2) between each sole (N,2,S,3) and the ground."""
+    return np.arccos(np.clip(sole_normal_w(sole_w)[..., 2], 0.0, 1.0))
 
 
 def _airborne(track: Track) -> np.ndarray:

@@ -1,7 +1,5 @@
 """One HTML file that holds an evaluation: scores with their definitions, plots, pictures. Needs nothing beside it."""
 
-import base64
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +9,8 @@ from sim2sim import plots
 from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
 from sim2sim.evaluation import Evaluation, Run
 from sim2sim.table import format_value
-from sim2sim.video import Stage
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-table { border-collapse: collapse; margin: 1rem 0; }
-th, td { padding: .25rem .8rem; border-bottom: 1px solid #ddd; text-align: left; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; } img { max-width: 100%; }
-code { word-break: break-all; } .small { color: #555; font-size: 13px; }
-"""
+from sim2sim.video import open_stage, strip
+from view import page as part
 
 
 @dataclass(frozen=True)
@@ -48,9 +39,9 @@ def _pictures(evaluation: Evaluation, meshes: Path | None) -> list[Picture]:
     if not runs:
         return []
     period_s, robot = evaluation.player.period_s, evaluation.player.robot
-    with Stage(robot, meshes) as stage:
+    with open_stage(robot, meshes) as stage:
         strips = [
-            Picture(f"{name}: first episode, the reference shown through", plots.picture_png(stage.strip(episodes[0])))
+            Picture(f"{name}: first episode, the reference shown through", plots.picture_png(strip(stage, episodes[0])))
             for name, episodes in runs.items()
         ]
     return [
@@ -63,20 +54,15 @@ def _pictures(evaluation: Evaluation, meshes: Path | None) -> list[Picture]:
 
 
 def _page(evaluation: Evaluation, pictures: Sequence[Picture]) -> str:
-    title = html.escape("Evaluation: " + ", ".join(run.name for run in evaluation.runs))
-    conditions = evaluation.request.described().items()
-    asked = "".join(f"<tr><th>{html.escape(key)}</th><td>{html.escape(value)}</td></tr>" for key, value in conditions)
-    remarks = "".join(f"<p>{html.escape(remark)}</p>" for remark in evaluation.remarks())
-    figures = "".join(
-        f'<h2>{html.escape(picture.caption)}</h2><img alt="{html.escape(picture.caption)}" '
-        f'src="data:image/png;base64,{base64.b64encode(picture.png).decode()}">'
-        for picture in pictures
+    title = "Evaluation: " + ", ".join(run.name for run in evaluation.runs)
+    body = (
+        part.heading(title, level=1)
+        + part.table(evaluation.request.described().items(), named=True)
+        + _scores(evaluation.runs)
+        + "".join(map(part.paragraph, evaluation.remarks()))
+        + "".join(part.heading(one.caption) + part.image(one.png, one.caption) for one in pictures)
     )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{STYLE}</style></head><body><h1>{title}</h1><table>{asked}</table>"
-        f"{_scores(evaluation.runs)}{remarks}{figures}</body></html>\n"
-    )
+    return part.whole_page(title, body)
 
 
 def _scores(runs: Sequence[Run]) -> str:
@@ -91,10 +77,5 @@ def _scores(runs: Sequence[Run]) -> str:
     for score in SCORES:
         values = [format_value(document["metrics"][score.key]) for document in documents]
         rows.append((score.label, values, score.unit, score.meaning))
-    return f'<table>{"".join(_row(*row) for row in rows)}</table><p class="small">{html.escape(AVERAGING)}</p>'
-
-
-def _row(label: str, values: Sequence[str], unit: str, meaning: str) -> str:
-    cells = "".join(f'<td class="number">{html.escape(value)}</td>' for value in values)
-    words = f"<td>{html.escape(unit)}</td><td>{html.escape(meaning)}</td>"
-    return f"<tr><th>{html.escape(label)}</th>{cells}{words}</tr>"
+    cells = [(label, *values, unit, meaning) for label, values, unit, meaning in rows]
+    return part.table(cells, numbers=range(1, 1 + len(runs)), named=True) + part.paragraph(AVERAGING, "small")

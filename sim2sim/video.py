@@ -2,18 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Self
 
-import mujoco
 import numpy as np
 
 from robot.errors import InputError
-from robot.mjcf import compile_model
 from robot.robot import Robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.evaluation import Evaluation
 from view.filmstrip import filmstrip
-from view.renderer import open_renderer
+from view.stage import Stage
 from view.video import VideoWriter
 
 PANEL_WIDTH, PANEL_HEIGHT = 480, 480
@@ -30,38 +27,21 @@ def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) 
         raise InputError("nothing to show: no episode reached the motion", where=path)
     fps = round(0.5 / evaluation.player.period_s)
     size = (PANEL_WIDTH * (len(episodes) + 1), PANEL_HEIGHT)
-    with Stage(evaluation.player.robot, meshes) as stage, VideoWriter(path, fps, size) as video:
+    with open_stage(evaluation.player.robot, meshes) as stage, VideoWriter(path, fps, size) as video:
         for frame in _side_by_side(stage, episodes):
             video.add(frame)
 
 
-class Stage:
-    """Draws poses of the robot: qpos (7+J) is root position, root quaternion wxyz, joints in the robot's order."""
+def open_stage(robot: Robot, meshes: Path | None = None) -> Stage:
+    """Draws panels. meshes: folder of the maker's, see robot.mjcf."""
+    return Stage(robot, PANEL_WIDTH, PANEL_HEIGHT, meshes)
 
-    def __init__(self, robot: Robot, meshes: Path | None = None) -> None:
-        self._model = compile_model(robot, timestep_s=0.001, meshes=meshes)
-        self._data = mujoco.MjData(self._model)
-        self._renderer = open_renderer(self._model, PANEL_WIDTH, PANEL_HEIGHT)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self._renderer.close()
-
-    def picture(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
-        """(H,W,3) uint8."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)  # the lamp follows the robot
-        return self._renderer.render(self._data, ghost_qpos=ghost_qpos)
-
-    def strip(self, episode: EpisodeScore) -> np.ndarray:
-        """Pictures at equal distances through an episode, in two rows, the reference shown through: (H,W,3) uint8."""
-        rows = np.linspace(0, len(episode.qpos) - 1, STRIP_PICTURES).round().astype(int)
-        pictures = [self.picture(episode.qpos[row], episode.ref_qpos[row]) for row in rows]
-        return filmstrip(pictures, columns=STRIP_COLUMNS)
+def strip(stage: Stage, episode: EpisodeScore) -> np.ndarray:
+    """Pictures at equal distances through an episode, in two rows, the reference shown through: (H,W,3) uint8."""
+    rows = np.linspace(0, len(episode.qpos) - 1, STRIP_PICTURES).round().astype(int)
+    pictures = [stage.picture(episode.qpos[row], episode.ref_qpos[row]) for row in rows]
+    return filmstrip(pictures, columns=STRIP_COLUMNS)
 
 
 def _side_by_side(stage: Stage, episodes: Sequence[EpisodeScore]) -> Iterator[np.ndarray]:

@@ -14,9 +14,9 @@ figure { margin: 0 0 1.2rem; } img, video { max-width: 100%; } code { word-break
 """
 
 
-def whole_page(title: str, body: str) -> str:
-    """The page of ``body``, which is HTML already; ``title`` is plain text."""
-    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}</style>'
+def whole_page(title: str, body: str, style: str = "") -> str:
+    """The page of ``body``, which is HTML already; ``title`` is plain text, ``style`` follows STYLE."""
+    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}{style}</style>'
     return f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n'
 
 
@@ -36,20 +36,24 @@ def bullets(texts: Iterable[str]) -> str:
     return f"<ul>{items}</ul>" if items else ""
 
 
-def table(rows: Iterable[Sequence[str]], heads: Sequence[str] = (), numbers: Container[int] = ()) -> str:
-    """A table of plain texts; the columns ``numbers`` are set as figures."""
+def table(
+    rows: Iterable[Sequence[str]], heads: Sequence[str] = (), numbers: Container[int] = (), *, named: bool = False
+) -> str:
+    """A table of plain texts: columns ``numbers`` are set as figures, the first as heads where rows are ``named``."""
+    tags = ("th" if named else "td", "td")
     lines = ["".join(_cell("th", text, i in numbers) for i, text in enumerate(heads))] if heads else []
-    lines += ["".join(_cell("td", text, i in numbers) for i, text in enumerate(row)) for row in rows]
+    lines += ["".join(_cell(tags[i > 0], text, i in numbers) for i, text in enumerate(row)) for row in rows]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
+
+
+def image(png: bytes, text: str) -> str:
+    """A PNG; ``text`` stands where it cannot be shown."""
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
 
 
 def picture(png: bytes, caption: str) -> str:
     """A PNG over its caption."""
-    text, source = html.escape(caption), base64.b64encode(png).decode()
-    return (
-        f'<figure><img alt="{text}" src="data:image/png;base64,{source}">'
-        f'<figcaption class="small">{text}</figcaption></figure>'
-    )
+    return f'<figure>{image(png, caption)}<figcaption class="small">{html.escape(caption)}</figcaption></figure>'
 
 
 def video(mp4: bytes) -> str:

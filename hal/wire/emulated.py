@@ -1,6 +1,7 @@
 """A wire whose other end is an emulator: the same backend, and a band that can be let go."""
 
 import threading
+import time
 from typing import Any
 
 from hal.clock import Clock
@@ -9,6 +10,8 @@ from hal.types import DeviceError
 from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
 from hal.wire.driver import DriverFactory
 from robot.robot import Robot
+
+DAMPING_S = 0.3
 
 
 class EmulatedWireBackend(WireBackend):
@@ -41,13 +44,23 @@ class EmulatedWireBackend(WireBackend):
         threading.Thread(target=self._release, name="release band", daemon=True).start()
 
     def report(self) -> dict[str, Any]:
-        """See WireBackend. Besides, under `emulator`: how late its physics ran, and commands that no motor may obey."""
+        """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey, and
+        `driven`: joints that have not heard of damping a moment after it was asked for."""
         report = super().report()
         try:
-            status = self.emulator.control.status()
+            status = self._when_damped(time.monotonic() + DAMPING_S)
         except DeviceError:
             return report
-        return {**report, "emulator": {name: status[name] for name in ("late", "violations")}}
+        driven = [name for name, mode in status["mode"].items() if mode == "driven"]
+        return {**report, "emulator": {"late": status["late"], "violations": status["violations"], "driven": driven}}
+
+    def _when_damped(self, until_s: float) -> dict[str, Any]:
+        """The emulator's status once no joint is driven, at the latest at until_s (monotonic)."""
+        while True:
+            status = self.emulator.control.status()
+            if "driven" not in status["mode"].values() or time.monotonic() > until_s:
+                return status
+            time.sleep(0.01)
 
     def _release(self) -> None:
         try:

@@ -13,6 +13,7 @@ from motion.physics_checks import check_clip
 from motion.report.page import FIGURES, figure_text
 from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures
 from motion.report.trace import trace_clip
+from motion.report.warnings import warnings_of
 from robot.arguments import ArgumentParser, positive_argument
 from robot.errors import InputError
 from robot.robot import Robot, load_robot
@@ -36,7 +37,9 @@ def build_parser() -> ArgumentParser:
     )
     parser.add_argument("clips", nargs="+", metavar="CLIP", help="bundled name, or a file of a robot's motion")
     parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE", help="whose motion (default g1_23dof)")
-    parser.add_argument("--fps", type=positive_argument, metavar="F", help="frame rate, for files that do not say")
+    parser.add_argument(
+        "--fps", type=positive_argument, metavar="F", help="frame rate of the files, also against what they say"
+    )
     return parser
 
 
@@ -71,7 +74,7 @@ def find(name_or_file: str, robot: Robot, fps: float | None = None) -> Finding:
 
 
 def report(findings: Sequence[Finding]) -> str:
-    """A table with a line a clip, and under it why the clips that are not trackable are not."""
+    """A table with a line a clip, and under it why clips are not trackable, warnings, and collisions."""
     heads = ("clip", "verdict", *(f"{label} mm" if unit == "mm" else label for label, unit, _ in FIGURES.values()))
     rows = []
     for finding in findings:
@@ -79,6 +82,7 @@ def report(findings: Sequence[Finding]) -> str:
         rows.append((finding.name, verdict, *(_cell(finding.figures[key]) for key in FIGURES)))
     said = [f"{finding.name}: {reason}" for finding in findings for reason in finding.verdict.reasons]
     for finding in findings:
+        said += [f"{finding.name}: {warning}" for warning in warnings_of(finding.figures)]
         pairs = finding.figures["self_collisions"].items()
         said += [f"{finding.name}: {pair} inside each other in {frames} frames" for pair, frames in pairs]
     return "\n".join([text_table(heads, rows, right=range(2, len(heads))), *said])

@@ -31,7 +31,7 @@ def build_parser() -> ArgumentParser:
     add("--video", type=path_argument, metavar="FILE", help="MP4 to write (default: the clip's name, here)")
     add("--web", action="store_true", help="serve a page with video and plots to this machine, until Ctrl-C")
     add("--robot", default="g1_23dof", metavar="NAME|FILE", help="whose motion it is (default g1_23dof)")
-    add("--fps", type=positive_argument, metavar="F", help="frame rate, for a file that does not say")
+    add("--fps", type=positive_argument, metavar="F", help="frame rate of the file, also against what it says")
     return parser
 
 

@@ -21,8 +21,8 @@ def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None 
     """Clip of a CSV given as bytes: root x, y, z (m), root quaternion xyzw, 29 or 23 joints (rad) in the maker's order.
 
     The format does not state its frame rate: without `fps` it is taken as DEFAULT_FPS, and `created_by` says so. The
-    six wrist joints are dropped. One height for the whole clip is subtracted, so that the lowest sole point of all
-    frames touches the ground. Contact is the rule of Eq. 2. Raises InputError naming `where`, line and column.
+    six wrist joints are dropped. One height for the whole clip is subtracted, so that resting feet are on the ground.
+    Contact is the rule of Eq. 2. Raises InputError naming `where`, line and column.
     """
     rows = _numbers(content, where)
     names = _JOINTS[rows.shape[1]]

@@ -23,7 +23,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
     """Clip of the arrays of such a file: joint_pos (N,J) rad, body_pos_w (N,J+1,3) m, body_quat_w (N,J+1,4) wxyz, fps.
 
     The two programs order joints differently and do not say how: the order is the one in which the robot's forward
-    kinematics gives the bodies of the file. The lowest sole is put on the ground, contact is the rule of Eq. 2; wrists
+    kinematics gives the bodies of the file. Resting feet are put on the ground, contact is the rule of Eq. 2; wrists
     are dropped. `fps` counts more than the file's. Raises InputError naming `where` and the field.
     """
     joint_pos, body_pos, body_quat = _checked(arrays, where)

@@ -13,6 +13,8 @@ from motion.filter import Verdict
 from motion.human.motion import HumanMotion
 from motion.physics_checks import ClipReport, check_clip
 from motion.report.trace import Trace, trace_clip
+from motion.report.warnings import warnings_of
+from motion.retarget.clean import Change
 from robot.robot import Robot
 
 CREATED_BY = "kata motion/process"
@@ -29,7 +31,8 @@ class Record:
         options: how it was processed, plain values.
         notes: what was assumed or detected on the way.
         before: the motion as it was read, cut to the wanted span; its verdict: input_verdict.
-        after: the same span on the robot; clip: as it is written, with its ends; clip_verdict: of that.
+        after: the same span on the robot; change: how far that is from a robot's motion as read, None for a person's.
+        clip: as it is written, with its ends; clip_verdict: of that.
         failure: why there is no clip; None where there is one.
     """
 
@@ -42,16 +45,19 @@ class Record:
     before: HumanMotion | Clip
     input_verdict: Verdict
     after: Clip | None = None
+    change: Change | None = None
     clip: Clip | None = None
     clip_verdict: Verdict | None = None
     failure: str | None = None
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the motion is not trackable; none for one that is."""
+        """Why the motion is not trackable, and warnings about the clip, which a trackable one may have as well."""
         found = [f"input: {reason}" for reason in self.input_verdict.reasons]
         if self.clip_verdict is not None:
             found += [f"clip: {reason}" for reason in self.clip_verdict.reasons]
+        told = figures(self.checks, self.trace, self.clip_verdict)
+        found += [f"clip: {warning}" for warning in warnings_of(told)]
         if self.failure is not None:
             found.append(f"no clip: {self.failure}")
         return tuple(found)
@@ -78,6 +84,7 @@ def document(record: Record) -> dict[str, Any]:
         "verdict": record.verdict,
         "reasons": list(record.reasons),
         **figures(record.checks, record.trace, record.clip_verdict),
+        "largest_change": _change(record.change),
         "failing_frames": _failing_frames(record),
         "rules": {name: _rules(verdict) for name, verdict in verdicts(record).items()},
         "notes": list(record.notes),
@@ -137,6 +144,13 @@ def _rules(verdict: Verdict | None) -> dict[str, dict[str, Any]] | None:
         finding.rule: {"passed": finding.passed, "value": _finite(finding.value), "limit": finding.limit}
         for finding in verdict.findings
     }
+
+
+def _change(change: Change | None) -> dict[str, Any] | None:
+    if change is None:
+        return None
+    turns = {"root_rad": round(change.root_rad, 4), "joint_rad": round(change.joint_rad, 4), "joint": change.joint}
+    return {"root_mm": _mm(change.root_m), **turns}
 
 
 def _clip_facts(clip: Clip | None) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from motion.physics_checks import phases
+from motion.physics_checks import bridged, phases
 from motion.retarget.settings import FeetSettings
 from robot.robot import Robot, TrackedPoint
 from robot.rotations import (
@@ -112,15 +112,6 @@ def _firmness(standing: np.ndarray, fps: float, settings: FeetSettings) -> np.nd
     if not standing.any():
         return np.zeros(len(standing))
     return _faded(distance_transform_edt(~standing) / _fade_frames(fps, settings))
-
-
-def bridged(standing: np.ndarray, fps: float, gap_s: float) -> np.ndarray:
-    """`standing` (N,) with the gaps inside it that are shorter than `gap_s` filled."""
-    filled = standing.copy()
-    for first, end in phases(~standing):
-        if first > 0 and end < len(standing) and end - first < gap_s * fps:
-            filled[first:end] = True
-    return filled
 
 
 def _standing(

@@ -75,6 +75,13 @@ def test_overruns_are_counted_and_missed_deadlines_skipped(tmp_path):
     assert rig.loop.timer.overruns == rig.loop.timer.ticks == 10
 
 
+def test_lateness_is_counted_from_the_deadline(tmp_path):
+    """Ticks of 27 ms begin at 0, 27, 54, ... ms; their deadlines are the multiples of 20 before: 15 ms at 135."""
+    rig = Rig(tmp_path, read_takes_s=0.027, plan="none", duration_s=0.17)
+    rig.loop.run()
+    assert rig.loop.timer.report()["late_ms"]["max"] == pytest.approx(15.0)
+
+
 def test_state_age_is_counted_when_the_command_leaves(tmp_path):
     rig = Rig(tmp_path, [state(imu_age_s=0.004, joint_age_s=with_joint("joint_age_s", 0.009).joint_age_s)])
     rig.loop.run()

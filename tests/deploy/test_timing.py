@@ -19,8 +19,8 @@ def test_one_sample_and_none():
 def test_laps_add_up_to_the_tick():
     times = iter([10.0, 10.001, 10.003, 10.006, 20.0, 20.002, 20.004, 20.010])
     timer = PhaseTimer(lambda: next(times))
-    for age_s in (0.005, None):
-        timer.begin()
+    for age_s, late_s in ((0.005, 0.001), (None, 0.003)):
+        timer.begin(late_s)
         for phase in ("read", "infer", "write"):
             timer.lap(phase)
         timer.end(age_s)
@@ -29,5 +29,6 @@ def test_laps_add_up_to_the_tick():
     assert report["tick_ms"]["max"] == pytest.approx(10.0) and report["tick_ms"]["p50"] == pytest.approx(8.0)
     assert report["phases_ms"]["infer"]["p50"] == pytest.approx(2.0)
     assert report["phases_ms"]["write"]["max"] == pytest.approx(6.0)
+    assert report["late_ms"]["max"] == pytest.approx(3.0) and report["late_ms"]["p50"] == pytest.approx(2.0)
     assert report["state_age_ms"]["max"] == pytest.approx(5.0)
     assert report["phases_ms"]["guard"]["max"] is None

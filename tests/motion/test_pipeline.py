@@ -98,12 +98,17 @@ def test_the_recorded_person_stands_on_the_ground_and_slides_little():
 
 
 @needs_shared_data
-def test_a_robots_recording_stands_on_the_ground():
-    asked = Request(SHARED / "g1moves" / "M_Move19.csv", "kata", fps=60.0, end_s=3.0)
-    record = process(asked, lambda text: None)
+@pytest.mark.parametrize("name", ["M_Move10", "M_Move19"])
+def test_a_robots_recording_stands_on_the_ground(name):
+    said = []
+    record = process(Request(SHARED / "g1moves" / f"{name}.csv", name, fps=60.0), said.append)
     told = figures(record.checks, record.trace, record.clip_verdict)
+    assert record.verdict == TRACKABLE and record.reasons == ()
     assert told["penetration_mm"] <= 10.0 and told["sliding_mm"] <= 20.0 and told["floating_mm"] <= 20.0
     assert told["limit_violations"] == told["speed_violations"] == 0
+    assert record.change is not None and record.change.root_m < 0.1
+    assert any("where a foot travels" in line for line in said)
+    assert f"the root by up to {1e3 * record.change.root_m:.0f} mm" in record.notes[-1]
 
 
 def _with(request: Request, **changes) -> Request:

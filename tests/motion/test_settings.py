@@ -8,6 +8,7 @@ from motion.contact import ContactSettings
 from motion.finish.settings import FinishSettings
 from motion.human.correct import CorrectSettings
 from motion.plausibility import FilterSettings
+from motion.report.warnings import WarningSettings
 from motion.settings import read_section
 from robot.errors import InputError
 
@@ -25,6 +26,7 @@ class Two:
         (ContactSettings, "contact"),
         (CorrectSettings, "correct"),
         (FinishSettings, "finish"),
+        (WarningSettings, "warnings"),
     ],
 )
 def test_every_section_fits(kind, name):

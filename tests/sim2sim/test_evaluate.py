@@ -17,7 +17,7 @@ from sim2sim.cli import main
 from sim2sim.evaluation import evaluate, run_names
 from sim2sim.player import Player
 from sim2sim.request import Request
-from sim2sim.video import Stage
+from sim2sim.video import open_stage
 from tests.shared_data import SHARED, needs_shared_data
 from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
 
@@ -172,15 +172,15 @@ def test_the_lamp_shines_on_the_robot_wherever_it_is(still: str, monkeypatch: py
     rays = []
 
     class Watcher:
-        def render(self, data: mujoco.MjData, ghost_qpos: np.ndarray | None) -> None:
+        def render(self, data: mujoco.MjData, *_: object) -> None:
             rays.append((data.light_xpos[0].copy(), data.light_xdir[0].copy()))
 
         def close(self) -> None:
             pass
 
-    monkeypatch.setattr("sim2sim.video.open_renderer", lambda *_: Watcher())
+    monkeypatch.setattr("view.stage.open_renderer", lambda *_: Watcher())
     qpos = Player(request(still)).play(0, 0).qpos[0].astype(np.float64)
-    with Stage(ROBOT) as stage:
+    with open_stage(ROBOT) as stage:
         for x_m in (0.0, 5.0):
             qpos[0] = x_m
             stage.picture(qpos)
@@ -195,7 +195,7 @@ def test_the_makers_meshes_are_in_the_pictures(still: str) -> None:
     qpos = Player(request(still)).play(0, 0).qpos[0]
     pictures = []
     for meshes in (None, SHARED / "robot" / "meshes"):
-        with Stage(ROBOT, meshes) as stage:
+        with open_stage(ROBOT, meshes) as stage:
             pictures.append(stage.picture(qpos))
     changed = (pictures[0] != pictures[1]).any(axis=2)
     rows = np.flatnonzero(changed.any(axis=1))

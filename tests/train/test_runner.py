@@ -89,7 +89,7 @@ def test_a_signal_saves_and_ends_in_order(tmp_path, number):
     process = spawn(tmp_path, 10_000)
     wait_for_rows(tmp_path, 3, process)
     process.send_signal(number)
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     outcome, iteration = out.split()
     assert outcome == "stopped"

@@ -59,3 +59,14 @@ def test_tables_mark_figures():
     seen = Seen(page.table([("a", "1"), ("b", "2")], ("name", "value"), numbers=(1,)))
     assert [attrs.get("class") for tag, attrs in seen.tags if tag in ("th", "td")] == [None, "number"] * 3
     assert page.bullets([]) == ""
+
+
+def test_named_rows_begin_with_a_head():
+    seen = Seen(page.table([("a", "1"), ("b", "2")], numbers=(1,), named=True))
+    cells = [(tag, attrs.get("class")) for tag, attrs in seen.tags if tag in ("th", "td")]
+    assert cells == [("th", None), ("td", "number")] * 2
+
+
+def test_a_page_may_have_more_style():
+    text = page.whole_page("a", "b", ".c { color: red; }")
+    assert page.STYLE + ".c { color: red; }</style>" in text

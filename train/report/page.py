@@ -2,7 +2,7 @@
 
 import base64
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import yaml
 
@@ -14,13 +14,10 @@ from train.report.preset import Difference
 from train.report.record import Record
 from train.report.times import time_split, total_s
 from train.report.video import Video
+from view import page as part
 
 STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .2rem .7rem; border-bottom: 1px solid #ddd; text-align: left; }
-.number { text-align: right; white-space: nowrap; } .chosen { background: #e3f1dd; font-weight: 600; }
-.small { color: #555; font-size: 13px; } .wide { overflow-x: auto; font-size: 13px; } video, img { max-width: 100%; }
+.chosen { background: #e3f1dd; font-weight: 600; } .wide { overflow-x: auto; font-size: 13px; }
 .curves { display: grid; grid-template-columns: repeat(auto-fit, minmax(29rem, 1fr)); gap: 0 1.2rem; }
 figure { margin: 0 0 1rem; } h3 { margin: .4rem 0 0; font-size: 15px; }
 .bar { background: #6b9bc3; height: .8rem; } td.length { width: 22rem; }
@@ -29,10 +26,10 @@ figure { margin: 0 0 1rem; } h3 { margin: .4rem 0 0; font-size: 15px; }
 
 def page(record: Record, preset: tuple[str, Sequence[Difference]], film: str) -> str:
     """The whole page. ``film``: the video's section, see :func:`video_section` and :func:`no_video`."""
-    title = html.escape(f"Training of {record.motion}: {record.name}")
+    title = f"Training of {record.motion}: {record.name}"
     body = "".join(
         (
-            f"<h1>{title}</h1>{_head(record)}",
+            part.heading(title, level=1) + _head(record),
             f"<h2>The chosen weights</h2>{_chosen(record)}",
             f"<h2>The chosen weights at work</h2>{film}",
             f'<h2>Curves</h2><div class="curves">{"".join(map(_drawing, draw(record.rows, record.evaluations)))}</div>',
@@ -41,10 +38,7 @@ def page(record: Record, preset: tuple[str, Sequence[Difference]], film: str) ->
             f"<h2>The machine</h2>{_machine(record)}",
         )
     )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{STYLE}</style></head><body>{body}</body></html>\n"
-    )
+    return part.whole_page(title, body, STYLE)
 
 
 def video_section(video: Video, playback: Playback) -> str:
@@ -57,16 +51,13 @@ def video_section(video: Video, playback: Playback) -> str:
         f"true speed, {video.pictures_per_s:.3g} pictures per second. {ended}"
     )
     errors = ", ".join(f"{_words(name)} {value:.1f}" for name, value in playback.errors.items())
-    source = base64.b64encode(video.mp4).decode()
-    return (
-        f'<video controls autoplay loop muted playsinline src="data:video/mp4;base64,{source}"></video>'
-        f'<p class="small">{html.escape(said)}<br>Means over this episode: {html.escape(errors)}.</p>'
-    )
+    means = f"Means over this episode: {html.escape(errors)}."
+    return part.video(video.mp4) + f'<p class="small">{html.escape(said)}<br>{means}</p>'
 
 
 def no_video(reason: str) -> str:
     """Why there is no video."""
-    return f"<p>No video: {html.escape(reason)}</p>"
+    return part.paragraph(f"No video: {reason}")
 
 
 def _head(record: Record) -> str:
@@ -83,14 +74,14 @@ def _head(record: Record) -> str:
     if record.summary:
         rows.append(("actor", f"{record.summary['actor']}, SHA-256 {record.summary['actor_sha256'][:16]}…"))
         rows.append(("code", str(record.summary["code"])))
-    return _table((label, text) for label, text in rows)
+    return part.table(rows)
 
 
 def _chosen(record: Record) -> str:
     judged = record.evaluations
     paragraphs = [choice.explain(judged), choice.RULE] if judged else [choice.explain(judged)]
     exported = record.summary.get("exported_iteration")
-    said = "".join(f"<p>{html.escape(text)}</p>" for text in paragraphs)
+    said = "".join(map(part.paragraph, paragraphs))
     if exported is not None and not any(one.iteration == exported for one in judged):
         said += f"<p>Exported: the weights of iteration {exported}.</p>"
     return said + (_judgements(judged, choice.best(judged)) if judged else "")
@@ -123,10 +114,10 @@ def _times(record: Record) -> str:
     if not total:
         return "<p>No iteration yet.</p>"
     rows = []
-    for part in parts:
-        share = part.seconds / total
+    for one in parts:
+        share = one.seconds / total
         rows.append(
-            f'<tr><td>{html.escape(part.title)}</td><td class="number">{_duration(part.seconds)}</td>'
+            f'<tr><td>{html.escape(one.title)}</td><td class="number">{_duration(one.seconds)}</td>'
             f'<td class="number">{100 * share:.1f} %</td>'
             f'<td class="length"><div class="bar" style="width: {100 * share:.1f}%"></div></td></tr>'
         )
@@ -141,20 +132,14 @@ def _configuration(record: Record, preset: str, found: Sequence[Difference]) -> 
     if not found:
         return f"<p>As <code>train={html.escape(preset)}</code>, without a difference.</p>{details}"
     said = f"Differences from <code>train={html.escape(preset)}</code>, the preset with the fewest:"
-    table = _table([(one.key, one.preset, one.here) for one in found], ("key", "preset", "this run"))
+    table = part.table([(one.key, one.preset, one.here) for one in found], ("key", "preset", "this run"))
     return f"<p>{said}</p>{table}{details}"
 
 
 def _machine(record: Record) -> str:
     if not record.machine:
         return "<p>Not recorded: the run's folder has no summary of it.</p>"
-    return _table(record.machine.items())
-
-
-def _table(rows: Iterable[Sequence[str]], heads: Sequence[str] = ()) -> str:
-    head = f"<tr>{''.join(f'<th>{html.escape(text)}</th>' for text in heads)}</tr>" if heads else ""
-    body = "".join(f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in rows)
-    return f"<table>{head}{body}</table>"
+    return part.table(record.machine.items())
 
 
 def _words(name: str) -> str:

@@ -5,16 +5,12 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
-import mujoco
 import numpy as np
 
-from robot.mjcf import compile_model
-from robot.robot import Robot
 from train.environment.tracking import CONTROL_PERIOD_S
 from train.report.playback import Playback
-from view.renderer import open_renderer
+from view.stage import Stage
 from view.video import VideoWriter
 
 SIZE_PX = 400
@@ -36,7 +32,7 @@ def film(playback: Playback, budget_s: float) -> Video:
 
     An episode that ends early stays at its last pose. Raises InputError where videos or pictures cannot be made here.
     """
-    with _Stage(playback.robot) as stage, tempfile.TemporaryDirectory() as folder:
+    with Stage(playback.robot, SIZE_PX, SIZE_PX, plain=True) as stage, tempfile.TemporaryDirectory() as folder:
         stride = _stride(len(playback.ref_qpos), _pair_s(stage, playback), budget_s)
         path, rate = Path(folder) / "episode.mp4", 1.0 / (stride * CONTROL_PERIOD_S)
         with VideoWriter(path, rate, (2 * SIZE_PX, SIZE_PX)) as writer:
@@ -45,41 +41,17 @@ def film(playback: Playback, budget_s: float) -> Video:
         return Video(path.read_bytes(), rate)
 
 
-class _Stage:
-    """Draws poses (7+J,), faster and plainer than pictures of a page's size need to be."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._model = compile_model(robot, timestep_s=0.001)
-        self._model.vis.quality.shadowsize, self._model.vis.quality.offsamples = 1024, 0
-        self._data = mujoco.MjData(self._model)
-        self._renderer = open_renderer(self._model, SIZE_PX, SIZE_PX)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self._renderer.close()
-
-    def picture(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
-        """(H, W, 3) uint8."""
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)  # the lamp follows the robot
-        return self._renderer.render(self._data, ghost_qpos=ghost_qpos)
-
-
-def _pair(stage: _Stage, playback: Playback, tick: int) -> np.ndarray:
+def _pair(stage: Stage, playback: Playback, tick: int) -> np.ndarray:
     reference = playback.ref_qpos[tick]
     robot = playback.qpos[min(tick, len(playback.qpos) - 1)]
     return np.concatenate([stage.picture(robot, reference), stage.picture(reference)], axis=1)
 
 
-def _pairs(stage: _Stage, playback: Playback, stride: int) -> Iterator[np.ndarray]:
+def _pairs(stage: Stage, playback: Playback, stride: int) -> Iterator[np.ndarray]:
     return (_pair(stage, playback, tick) for tick in range(0, len(playback.ref_qpos), stride))
 
 
-def _pair_s(stage: _Stage, playback: Playback) -> float:
+def _pair_s(stage: Stage, playback: Playback) -> float:
     """What a pair of pictures costs; the first one, which prepares much, does not count."""
     _pair(stage, playback, 0)
     begun_s = time.monotonic()

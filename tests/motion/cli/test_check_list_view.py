@@ -32,6 +32,14 @@ def test_the_worst_clip_decides(standing_clip, capsys):
     assert "no such clip" in streams.err and "high.npz" in streams.out
 
 
+def test_a_foreign_clip_that_slides_is_warned_of_and_not_refused(standing_clip, capsys):
+    way = np.stack([np.linspace(0.0, 0.15, 61), np.zeros(61), np.full(61, 0.79)], axis=1)
+    save_clip(standing_clip(61, root_pos_w=way), "slides.npz")
+    assert check.main(["slides.npz"]) == 0
+    told = capsys.readouterr().out
+    assert re.search(r"^slides.npz: warning: a standing foot slides 150.0 mm \(at most 20\)$", told, re.MULTILINE)
+
+
 def test_collisions_are_told_by_pair(standing_clip, robot, capsys):
     joints = np.tile(robot.default_pos_rad, (31, 1))
     joints[:, robot.joint_names.index("left_shoulder_roll_joint")] = -1.0  # the arm in the body

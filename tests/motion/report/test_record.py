@@ -7,12 +7,14 @@ import pytest
 
 from motion.report.record import document, figures, json_text
 from motion.report.trace import trace_clip
+from motion.report.warnings import WarningSettings, warnings_of
+from motion.retarget.clean import Change
 from tests.motion.report.verdicts import verdict_of
 
 KEYS = {
     "verdict", "reasons", "penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames",
-    "limit_violations", "speed_violations", "self_collisions", "failing_frames", "rules", "notes", "input", "clip",
-    "robot", "options", "created_by",
+    "limit_violations", "speed_violations", "self_collisions", "largest_change", "failing_frames", "rules", "notes",
+    "input", "clip", "robot", "options", "created_by",
 }  # fmt: skip
 
 
@@ -101,3 +103,28 @@ def test_without_a_clip_there_are_no_figures(standing_clip, record_of):
     assert told["failing_frames"] == {"input": [1], "clip": None} and told["clip"] is None
     assert all(told[key] is None for key in figures(None, None, None))
     json_text(told)
+
+
+def test_the_largest_change_of_a_robots_motion(standing_clip, record_of):
+    change = Change(root_m=0.0123, root_rad=0.05, joint_rad=0.2, joint="left_knee_joint")
+    assert document(record_of(standing_clip(), change=change))["largest_change"] == {
+        "root_mm": 12.3, "root_rad": 0.05, "joint_rad": 0.2, "joint": "left_knee_joint",
+    }  # fmt: skip
+    assert document(record_of(standing_clip()))["largest_change"] is None
+
+
+def test_a_trackable_clip_that_slides_is_told_with_a_warning(standing_clip, record_of):
+    way = np.stack([np.linspace(0.0, 0.021, 31), np.zeros(31), np.full(31, 0.79)], axis=1)
+    told = document(record_of(standing_clip(root_pos_w=way)))
+    assert told["verdict"] == "trackable"
+    assert told["reasons"] == ["clip: warning: a standing foot slides 21.0 mm (at most 20)"]
+
+
+def test_every_figure_beyond_its_limit_warns():
+    settings = WarningSettings(max_slide_m=0.02, max_penetration_m=0.01, max_float_m=0.03)
+    lengths = ("sliding_mm", "penetration_mm", "floating_mm")
+    fine = dict(zip(lengths, (20.0, 10.0, 30.0), strict=True)) | {"limit_violations": 0, "speed_violations": 0}
+    assert warnings_of(fine, settings) == warnings_of(figures(None, None, None), settings) == ()
+    for key, value in fine.items():
+        (warning,) = warnings_of(fine | {key: value + 1}, settings)
+        assert warning.startswith("warning: ") and f" {value + 1:.0f}" in warning

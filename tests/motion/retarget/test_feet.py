@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from motion.retarget.feet import bridged, plan_feet, plan_foot
+from motion.physics_checks import bridged
+from motion.retarget.feet import plan_feet, plan_foot
 from motion.retarget.settings import FeetSettings
 from robot.rotations import quat_from_axis_angle, quat_rotate, yaw_of
 
