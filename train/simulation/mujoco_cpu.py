@@ -72,7 +72,7 @@ class MujocoCpuSimulator:
         model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
         # A reset by MuJoCo itself would hide that physics has diverged.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        # Most of what joint friction and contacts constrain is one joint or one leg: a sparse Jacobian is a tenth faster.
+        # Joint friction concerns one joint, a contact one leg: a sparse Jacobian is a tenth faster.
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         if not joint_friction:
             model.dof_frictionloss[:] = 0.0
