@@ -106,6 +106,7 @@ print(signal.getsignal(signal.SIGINT) == signal.SIG_IGN, flush=True)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_stop_even_where_they_were_inherited_ignored(number):
     def ignore():
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its background jobs without it
         signal.signal(number, signal.SIG_IGN)
 
     child = subprocess.Popen([sys.executable, "-c", IGNORED], stdout=subprocess.PIPE, text=True, preexec_fn=ignore)

@@ -30,7 +30,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _on_a_wire(item: pytest.Item) -> bool:
-    return any(value in WIRES for value in _values(item))
+    return any(value in WIRES or value.startswith("fake-wire") for value in _values(item))
 
 
 def _waits(item: pytest.Item, turns: dict[str, int]) -> bool:

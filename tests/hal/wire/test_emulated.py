@@ -18,8 +18,11 @@ def test_the_report_holds_what_the_emulator_found_as_long_as_there_is_one(monkey
         raise DeviceError("emulator at nowhere: it has ended")
 
     monkeypatch.setattr(WireBackend, "report", lambda self: {"cycles": {}})
-    control = SimpleNamespace(status=lambda: {"time_s": 1.0, **found})
+    # Damping has reached the hip when the emulator is asked for the second time; the knee is deaf.
+    modes = iter([{"knee": "driven", "hip": "driven"}])
+    deaf = {"knee": "driven", "hip": "damped"}
+    control = SimpleNamespace(status=lambda: {"time_s": 1.0, **found, "mode": next(modes, deaf)})
     backend = EmulatedWireBackend("wire", G1, MonotonicClock(), lambda robot: None, SimpleNamespace(control=control))
-    assert backend.report() == {"cycles": {}, "emulator": found}
+    assert backend.report() == {"cycles": {}, "emulator": {**found, "driven": ["knee"]}}
     control.status = gone
     assert backend.report() == {"cycles": {}}
