@@ -1,25 +1,22 @@
 """Episodes in parallel processes. An episode's result depends on its job alone, never on who played it or when."""
 
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 
+from robot.processes import available_cores, end_with_parent, one_thread_each
 from sim2sim.episode import EpisodeScore
 from sim2sim.player import Player
 from sim2sim.request import Request
 
 Job = tuple[int, int]  # index of the policy, index of the episode
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def default_workers(num_jobs: int) -> int:
     """One process a core that this one may use, never more than there are jobs."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, num_jobs))
+    return max(1, min(available_cores(), num_jobs))
 
 
 def play_all(
@@ -41,7 +38,7 @@ def _serial(player: Player, jobs: Sequence[Job]) -> Iterator[tuple[Job, EpisodeS
 
 def _parallel(request: Request, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, EpisodeScore]]:
     context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _prepare, (request,)) as pool:
+    with one_thread_each(), ProcessPoolExecutor(workers, context, _prepare, (request,)) as pool:
         with _interrupts_ignored():
             futures = {pool.submit(_play, job): job for job in jobs}
         try:
@@ -49,21 +46,6 @@ def _parallel(request: Request, jobs: Sequence[Job], workers: int) -> Iterator[t
                 yield futures[future], future.result()
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes started within find the libraries' own threading off; they read these when they are imported."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager
@@ -80,16 +62,8 @@ _players: list[Player] = []  # the one of this worker process, built once
 
 
 def _prepare(request: Request) -> None:
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     _players.append(Player(request))
-
-
-def _end_with_parent() -> None:
-    """However the parent ends, killed for example, nobody is left waiting for work."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _play(job: Job) -> EpisodeScore:

@@ -18,9 +18,10 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from robot.errors import InputError
+from robot.processes import available_cores
 from train.base_action.module import BaseActionSettings
 from train.environment.settings import EnvironmentSettings
-from train.learner.precision import available_cores, resolve_precision
+from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
 from train.structured import at_least, parse, positive, within
 

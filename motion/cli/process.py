@@ -7,7 +7,7 @@ from pathlib import Path
 
 from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
 from motion.cli.guard import NOT_TRACKABLE_CODE, guarded
-from motion.cli.parallel import available_cores, run_all
+from motion.cli.parallel import run_all
 from motion.clip import clip_to_bytes
 from motion.human.bvh import UNITS_M
 from motion.human.placing import UPRIGHT_WXYZ
@@ -22,6 +22,7 @@ from robot.arguments import (
     positive_count_argument,
 )
 from robot.errors import InputError
+from robot.processes import available_cores
 
 DEFAULT_FOLDER = Path("motions")
 

@@ -1,6 +1,4 @@
-"""Number format and threads: chosen by what the machine has, never by timing."""
-
-import os
+"""Number format: chosen by what the machine has, never by timing."""
 
 import torch
 
@@ -11,8 +9,3 @@ def resolve_precision(wanted: str) -> str:
         return wanted
     has_bf16 = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
     return "bf16" if has_bf16 else "fp32"
-
-
-def available_cores() -> int:
-    """Cores this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

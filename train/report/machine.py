@@ -7,8 +7,8 @@ from pathlib import Path
 
 import torch
 
+from robot.processes import available_cores
 from train.config import TrainConfig
-from train.learner.precision import available_cores
 
 _PACKAGES = ("torch", "mujoco", "numpy", "onnxruntime")
 
