@@ -20,7 +20,7 @@ from hal.clock import MonotonicClock
 from hal.open import WIRES, wire_factory
 from hal.wire.emulated import EmulatedWireBackend
 from tests.deploy.toys import SETTINGS, write_linear_actor
-from tests.hal.conformance.rigs import GRACE_S, Emulators, ready
+from tests.hal.conformance.rigs import Emulators, ready
 from tests.hal.rigs import G1, hold
 
 PERIOD_S = 0.05
@@ -149,7 +149,7 @@ def test_every_fault_ends_in_its_verdict(
     assert (fault.rule if fault else None) in (verdicts or (None,)), fault
     if fault is None:
         return
-    bound_s = (THRESHOLD[fault.rule] + 2.0) * PERIOD_S + GRACE_S
+    bound_s = (THRESHOLD[fault.rule] + 2.0) * PERIOD_S
     if (wire, kind) not in UNTIMED:
         assert trial.tripped_s - trial.struck_s < bound_s + PERIOD_S  # the plan hears of it a tick later
     # Damping reaches every motor that can still hear.

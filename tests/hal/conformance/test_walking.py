@@ -17,6 +17,8 @@ from tests.hal.rigs import G1
 
 ROOT = Path(__file__).resolve().parents[3]
 LIMIT_S = 240.0
+ATTEMPTS = 3
+STALE = "fault: stale"
 
 
 @pytest.mark.parametrize("wire", WIRES)
@@ -26,10 +28,13 @@ def test_a_whole_run_asks_for_nothing_that_a_motor_must_not_give(wire: str, punc
     result = tmp_path / "run.json"
     command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", wire, "--emulate"]
     command += ["--policy", "taichi", "--json", str(result)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    for _ in range(ATTEMPTS):  # a machine that is late trips the loop, and is no reason to ask for anything forbidden
+        run = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        judged = json.loads(result.read_text())["wire"]["emulator"]["violations"]
+        assert judged["counts"] == {}, judged["listed"]
+        if STALE not in run.stderr:
+            break
     assert run.returncode == 0, f"{run.stdout[-2000:]}\n{run.stderr}"
-    judged = json.loads(result.read_text())["wire"]["emulator"]["violations"]
-    assert judged["counts"] == {}, judged["listed"]
     assert set(judged["worst_torque"]) == set(G1.joint_names)
     # The robot carries itself: every leg has been asked for a torque, and none for more than it has.
     worst = {name: judged["worst_torque"][name] for name in G1.joint_names}
