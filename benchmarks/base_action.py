@@ -21,10 +21,10 @@ try:
         import numpy as np
         import torch
 
-        from deploy.outputs import check_output_file, write_json
         from motion.library import open_motion
         from motion.reference import build_reference
         from robot.errors import InputError
+        from robot.outputs import check_output_file, write_json
         from robot.robot import load_robot
         from train.base_action.module import build_base_action
         from train.config import TrainConfig, check, compose_document

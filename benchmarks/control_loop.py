@@ -111,8 +111,8 @@ def ceilings_hz(backend: str) -> dict[str, float]:
 def main() -> int:
     """Print the tables and, on request, write every result as JSON. Returns 0 only if every run completed."""
     try:
-        from deploy.outputs import check_output_file, write_json
         from robot.errors import InputError
+        from robot.outputs import check_output_file, write_json
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2

@@ -39,7 +39,7 @@ LAST_ITERATIONS = 20
 
 def floating(clip: Clip) -> Clip:
     """Half a metre higher."""
-    return replace(clip, root_pos_w=clip.root_pos_w + [0.0, 0.0, 0.5])
+    return replace(clip, root_pos_w=clip.root_pos_w + np.array([0.0, 0.0, 0.5]))
 
 
 def tilted(clip: Clip) -> Clip:
@@ -116,7 +116,8 @@ def trained(row: Row, minutes: float, threads: int) -> Row:
             subprocess.run(
                 [*command, f"threads={threads}", f"run_dir={run}"], stdout=log, stderr=subprocess.STDOUT, check=True
             )
-    last = [json.loads(line) for line in (run / METRICS_FILE).read_text().splitlines()][-LAST_ITERATIONS:]
+    entries = [json.loads(line) for line in (run / METRICS_FILE).read_text().splitlines()]
+    last = [entry for entry in entries if entry["time/wall_s"] <= 60.0 * minutes][-LAST_ITERATIONS:]
     ratio = sum(entry["episode_length_ratio"] for entry in last) / len(last)
     done = replace(row, length_ratio=ratio, samples=last[-1]["samples"])
     print(line_of(done), flush=True)

@@ -24,7 +24,6 @@ try:
     import daqp
     import numpy as np
 
-    from deploy.outputs import check_output_file, write_json
     from motion.contact import contact_of, staying_contact
     from motion.human.correct import correct_height
     from motion.human.motion import JOINTS, HumanMotion
@@ -35,6 +34,7 @@ try:
     from motion.retarget.settings import load_settings
     from motion.retarget.solver import FrameSolver
     from robot.errors import InputError
+    from robot.outputs import check_output_file, write_json
     from robot.robot import load_robot
     from robot.rotations import quat_from_rotvec
 except ModuleNotFoundError as error:

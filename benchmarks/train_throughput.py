@@ -34,10 +34,10 @@ try:
         import torch
         from mujoco.rollout import Rollout
 
-        from deploy.outputs import check_output_file, write_json
         from motion.reference import build_reference
         from robot.errors import InputError
         from robot.kinematics import Kinematics
+        from robot.outputs import check_output_file, write_json
         from train.base_action.module import build_base_action
         from train.config import compose_document
         from train.environment.factory import build_environment

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from deploy.episode import Start
 from deploy.operator import KEY_TABLE, StopSignals
 from deploy.options import RunOptions
-from deploy.outputs import write_json
 from deploy.remote import BUTTON_TABLE
 from deploy.report import RunReport, summary
 from deploy.session import run_session
@@ -14,6 +13,7 @@ from hal.open import BACKENDS
 from hal.types import DeviceError
 from robot.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
 from robot.errors import InputError
+from robot.outputs import write_json
 
 DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from deploy.actor_run import ActorRun
-from deploy.outputs import write_json
 from deploy.preflight import Check
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
@@ -20,6 +19,7 @@ from hal.backend import Backend
 from hal.clock import Clock
 from hal.types import DeviceError, RobotState
 from robot.errors import InputError
+from robot.outputs import write_json
 
 RECORDS = Path(__file__).resolve().parents[1] / "runs" / "dry_runs"
 OVERRUN_SHARE = 0.05

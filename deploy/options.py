@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deploy.episode import Start
-from deploy.outputs import check_output_file, check_output_folder
 from hal.open import WIRES
 from robot.errors import InputError
+from robot.outputs import check_output_file, check_output_folder
 
 
 @dataclass(frozen=True)

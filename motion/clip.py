@@ -2,7 +2,6 @@
 
 import hashlib
 import io
-import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -14,6 +13,7 @@ import numpy as np
 
 from motion.npz import read_file, read_npz
 from robot.errors import InputError
+from robot.outputs import write_whole
 
 ARRAY_FIELDS = ("root_pos_w", "root_quat_wxyz", "joint_pos_rad", "contact")
 TEXT_FIELDS = ("source", "license", "created_by")
@@ -98,17 +98,10 @@ def save_clip(clip: Clip, path: str | Path) -> None:
     if path.suffix != ".npz":
         raise InputError("wrong file name", where=path, got=path.suffix or "no ending", expected="a name in .npz")
     content = clip_to_bytes(clip)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        write_whole(path, content)
     except OSError as error:
         raise InputError("cannot be written", where=path, got=error.strerror or str(error)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def clip_to_bytes(clip: Clip) -> bytes:

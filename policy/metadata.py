@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import onnxruntime
 from policy.session import open_session
 from policy.spec import ActorSpec
 from robot.errors import InputError
+from robot.outputs import write_whole
 
 SPEC_KEY = "actor_spec"
 MOTION_KEY = "motion_npz"
@@ -127,19 +127,6 @@ def _replace_entries(path: Path, entries: Mapping[str, str]) -> None:
     kept = {entry.key: entry.value for entry in model.metadata_props if entry.key not in ours}
     onnx.helper.set_model_props(model, kept | dict(entries))
     try:
-        _replace_file(path, model.SerializeToString())
+        write_whole(path, model.SerializeToString())
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path) from error
-
-
-def _replace_file(path: Path, content: bytes) -> None:
-    """Atomic: whatever happens, ``path`` is the old file or the whole new one."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from deploy.outputs import check_output_file, check_output_folder, write_json
 from robot.arguments import (
     ArgumentParser,
     count_argument,
@@ -15,6 +14,7 @@ from robot.arguments import (
 )
 from robot.errors import InputError
 from robot.mjcf import check_meshes
+from robot.outputs import check_output_file, check_output_folder, check_output_kind, write_json
 from robot.robot import load_robot
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
@@ -138,9 +138,8 @@ def _writers(options: argparse.Namespace) -> list[Writer]:
     try:
         if options.video:
             from sim2sim.video import write_video
-            from view.output import check_output_path
 
-            check_output_path(options.video, (".mp4",))
+            check_output_kind(options.video, (".mp4",))
             writers.append(lambda evaluation: write_video(options.video, evaluation, options.meshes))
         if options.report:
             from sim2sim.report import write_report

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from deploy.outputs import replacing
+from robot.outputs import replacing
 from sim2sim import plots
 from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
 from sim2sim.evaluation import Evaluation, Run

@@ -1,7 +1,6 @@
 """Checkpoints: everything a run is, in one file that is either whole or absent."""
 
 import io
-import os
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,24 +10,10 @@ import numpy as np
 import torch
 
 from robot.errors import InputError
+from robot.outputs import write_whole
 
 _ARRAY = "__ndarray__"
 _KEPT = 2
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees the old or the new content, whatever happens in between."""
-    partial = path.with_name(f".{path.name}.partial")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def snapshot(state: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,7 +101,7 @@ class Checkpoints:
         """Write a checkpoint, then drop all but the last two."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"iteration_{iteration:08d}.pt"
-        write_atomically(path, save_state(state))
+        write_whole(path, save_state(state))
         for old in self.paths()[:-_KEPT]:
             old.unlink()
         return path

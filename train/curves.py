@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from train.checkpoint import write_atomically
+from robot.outputs import write_whole
 
 _PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
     ("body errors [mm]", ("eg_mpbpe_mm", "empbpe_mm"), False),
@@ -28,7 +28,7 @@ def draw_curves(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         _panel(axes, rows, title, names, logarithmic=logarithmic)
     picture = io.BytesIO()
     FigureCanvasAgg(figure).print_png(picture)
-    write_atomically(path, picture.getvalue())
+    write_whole(path, picture.getvalue())
 
 
 def _panel(

@@ -6,7 +6,6 @@ The graph is the mean action with base and normaliser in fp32.
 import copy
 import hashlib
 import io
-import os
 import subprocess
 import warnings
 from collections.abc import Mapping
@@ -22,8 +21,8 @@ from motion.reference import joint_columns
 from policy.metadata import write_metadata
 from policy.observation import pbhc_actor_group
 from policy.spec import ActorSpec, MotionInfo
+from robot.outputs import replacing
 from robot.robot import Robot
-from train.checkpoint import write_atomically
 from train.environment.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 from train.learner.networks import Actor
 
@@ -94,15 +93,11 @@ def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
     group = spec.observations[0].name
     graph = to_onnx(twin, group)
     verify(twin, graph, group)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.onnx")
-    try:
-        write_atomically(partial, graph)
-        write_metadata(partial, spec, clip_to_bytes(clip))
-        content = partial.read_bytes()
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(graph)
+        write_metadata(unfinished, spec, clip_to_bytes(clip))
+        content = unfinished.read_bytes()
         verify(twin, content, group)
-        write_atomically(path, content)
-    finally:
-        partial.unlink(missing_ok=True)
     return hashlib.sha256(content).hexdigest()
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from train.checkpoint import save_state, snapshot, write_atomically
+from robot.outputs import write_whole
+from train.checkpoint import save_state, snapshot
 from train.interface import StepResult, TrackingEnv
 
 _SHOWN_ENVIRONMENTS = 8
@@ -69,7 +70,7 @@ class NanGuard:
         """Write the state, the actions and ``extra`` (plain data and tensors) to ``path``."""
         actions = torch.stack(self._actions) if self._actions else torch.zeros(0)
         document = {"group": error.group, "env_ids": list(error.env_ids), "actions": actions, **extra}
-        write_atomically(path, save_state({**document, "environment": self._state}))
+        write_whole(path, save_state({**document, "environment": self._state}))
 
 
 def replay(dump: Mapping[str, Any], env: TrackingEnv) -> tuple[int, NonFiniteError] | None:

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from torch.utils.tensorboard import SummaryWriter
 
-from train.checkpoint import write_atomically
+from robot.outputs import write_whole
 from train.curves import draw_curves
 from train.folder import CURVES_FILE, METRICS_FILE
 
@@ -21,11 +21,6 @@ DRAW_INTERVAL_S = 30.0
 def finite_or_none(row: Mapping[str, Any]) -> dict[str, Any]:
     """Replace NaN and infinity, which JSON does not have, by None."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a JSON file atomically."""
-    write_atomically(path, (json.dumps(document, indent=2, allow_nan=False) + "\n").encode())
 
 
 def read_rows(path: Path, last_iteration: int) -> list[dict[str, Any]]:
@@ -63,7 +58,7 @@ class Progress:
         self._is_refreshed = False
         path = run_dir / METRICS_FILE
         self.rows = read_rows(path, start_iteration)
-        write_atomically(path, "".join(json.dumps(row) + "\n" for row in self.rows).encode())
+        write_whole(path, "".join(json.dumps(row) + "\n" for row in self.rows).encode())
         self._metrics = path.open("a")
         self._drawn_s = time.monotonic()
         self._board = SummaryWriter(str(run_dir / "tensorboard"), purge_step=start_iteration + 1)

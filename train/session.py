@@ -13,9 +13,10 @@ from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
 from motion.reference import build_reference
 from robot.errors import InputError
+from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
 from train.base_action.module import build_base_action
-from train.checkpoint import Checkpoints, read_state, write_atomically
+from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
@@ -26,7 +27,7 @@ from train.interface import TrackingEnv
 from train.interrupt import StopRequest
 from train.learner.build import build_learner
 from train.nan_guard import replay
-from train.progress import TIME_PREFIX, Progress, finite_or_none, write_json
+from train.progress import TIME_PREFIX, Progress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import RunReport, story
 from train.runner import Budget, Runner
@@ -165,7 +166,7 @@ def _begin_folder(setup: Setup) -> None:
         setup.run_dir.mkdir(parents=True, exist_ok=True)
         if setup.state is None:
             save_clip(setup.clip, setup.run_dir / CLIP_FILE)
-        write_atomically(setup.run_dir / CONFIG_FILE, to_yaml(setup.document).encode())
+        write_whole(setup.run_dir / CONFIG_FILE, to_yaml(setup.document).encode())
     except OSError as error:
         raise InputError("cannot be written", where=setup.run_dir, got=error.strerror, expected="a folder") from error
 

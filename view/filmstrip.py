@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from robot.errors import InputError
-from view.output import check_output_path, written_whole
+from robot.outputs import check_output_kind, write_whole
 
 
 def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px: int = 2) -> np.ndarray:
@@ -33,10 +33,9 @@ def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px
 def write_png(path: Path | str, picture: np.ndarray) -> None:
     """Write (H, W, 3) uint8. Raises InputError on a missing folder or a name that does not end in .png."""
     path = Path(path)
-    check_output_path(path, (".png",))
+    check_output_kind(path, (".png",))
     content = png_bytes(picture, where=str(path))
-    with written_whole(path) as partial:
-        partial.write_bytes(content)
+    write_whole(path, content)
 
 
 def png_bytes(picture: np.ndarray, where: str = "picture") -> bytes:

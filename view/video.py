@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from robot.errors import InputError
-from view.output import check_output_path, written_whole
+from robot.outputs import check_output_kind, replacing
 
 _QUALITY = {"crf": "20", "preset": "veryfast"}
 
@@ -25,7 +25,7 @@ class VideoWriter:
 
     def __init__(self, path: Path | str, fps: float, size: tuple[int, int]) -> None:
         self._path, self._size = Path(path), size
-        check_output_path(self._path, (".mp4",))
+        check_output_kind(self._path, (".mp4",))
         if not fps > 0:
             raise InputError("fps", where=path, got=fps, expected="a positive number of pictures per second")
         if min(size) <= 0 or size[0] % 2 or size[1] % 2:
@@ -37,7 +37,7 @@ class VideoWriter:
         self._stream: Any = None
 
     def __enter__(self) -> Self:
-        partial = self._exit.enter_context(written_whole(self._path))
+        partial = self._exit.enter_context(replacing(self._path))
         self._container = self._av.open(str(partial), mode="w", format="mp4")
         self._stream = self._container.add_stream("libx264", rate=self._rate, options=_QUALITY)
         self._stream.width, self._stream.height = self._size

@@ -14,6 +14,7 @@ from hal.options import config_file
 from hal.types import DeviceError
 from robot.arguments import ArgumentParser
 from robot.errors import InputError
+from robot.outputs import write_whole
 
 SPEED_RAD_S = 0.15
 STALLED_RAD_S, STALLED_S = 0.02, 0.6
@@ -67,10 +68,7 @@ def write_zero(path: Path, joint: str, zero_rad: float) -> None:
         hint = f"write `zero_rad: {zero_rad:.4f}` by hand"
         raise InputError(f"no single line with `joint: {joint}` and `zero_rad:`", where=path, hint=hint)
     lines[rows[0]] = re.sub(r"(\bzero_rad:\s*)[-+.\deE]+", rf"\g<1>{zero_rad:.4f}", lines[rows[0]])
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text("".join(lines))
-    beside.chmod(path.stat().st_mode)
-    beside.replace(path)
+    write_whole(path, "".join(lines).encode())
 
 
 def _by_hand(bench: Bench, angle_rad: float, ask: Ask | None) -> JointReading:

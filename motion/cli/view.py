@@ -14,9 +14,9 @@ from motion.report import figures
 from motion.report.film import film
 from motion.report.trace import trace_clip
 from robot.arguments import ArgumentParser, path_argument, positive_argument
+from robot.outputs import check_output_kind
 from robot.robot import Robot, load_robot
 from view import page as part
-from view.output import check_output_path
 
 
 def build_parser() -> ArgumentParser:
@@ -48,7 +48,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         if video is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory())) if options.web else Path()
             video = folder / f"{name}.mp4"
-        check_output_path(video, (".mp4",))
+        check_output_kind(video, (".mp4",))
         robot = load_robot(options.robot)
         clip = open_motion(options.clip, robot, csv_fps=options.fps)
         film(clip, robot, video, _progress)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from robot.errors import InputError
-from train.checkpoint import Checkpoints, load_state, save_state, snapshot, write_atomically
+from train.checkpoint import Checkpoints, load_state, save_state, snapshot
 from train.progress import Progress, console_line
 
 
@@ -95,19 +95,6 @@ def test_damaged_checkpoint_is_one_clear_error(tmp_path, damage):
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InputError, match=r"iteration_00000007\.pt: unreadable checkpoint"):
         Checkpoints(tmp_path).load_newest()
-
-
-def test_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "file"
-    write_atomically(path, b"old")
-
-    def fail(_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_atomically(path, b"new and longer")
-    assert path.read_bytes() == b"old"
 
 
 def test_no_checkpoint_is_one_clear_error(tmp_path):

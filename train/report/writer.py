@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from train.checkpoint import write_atomically
+from robot.outputs import write_whole
 from train.config import check
 from train.folder import ACTOR_FILE, REPORT_FILE
 from train.progress import TIME_PREFIX
@@ -57,7 +57,7 @@ class RunReport:
         return self._run_dir / REPORT_FILE
 
     def _write(self, record: Record, film_section: str) -> None:
-        write_atomically(self._run_dir / REPORT_FILE, page(record, self._preset, film_section).encode())
+        write_whole(self._run_dir / REPORT_FILE, page(record, self._preset, film_section).encode())
 
 
 def story(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 import json
 import os
+import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -32,25 +33,48 @@ def check_output_folder(option: str, path: Path | None) -> None:
         _check_parent(option, path)
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file atomically. ValueError on numbers that JSON does not have."""
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+def check_output_kind(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Raise InputError unless `path` has one of the suffixes and its folder is there."""
+    if path.suffix.lower() not in suffixes:
+        raise InputError("unknown kind of file", where=path, got=path.suffix or "none", expected=" or ".join(suffixes))
+    if not path.parent.is_dir():
+        raise InputError("no such folder", where=path, got=path.parent, hint="create it first")
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file whole. ValueError on numbers that JSON does not have."""
+    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file: a reader sees the old or the new content, whatever happens in between. OSError if it cannot."""
     with replacing(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+        unfinished.write_bytes(content)
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write; it takes the name when all went well and goes away otherwise."""
+    """A file beside `path` to write; it takes the name, and the old file's mode, when all went well, or goes away."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
     os.close(handle)
     unfinished = Path(name)
     try:
         yield unfinished
-        unfinished.chmod(0o666 & ~_umask())
+        unfinished.chmod(stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_umask())
+        _sync(unfinished)
         unfinished.replace(path)
+        _sync(path.parent)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Until it is on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _umask() -> int:
