@@ -3,7 +3,7 @@
 
 Of bundled clips and of recordings (--input), as they are and broken on purpose: floating, tilted, teleporting, played
 three times too fast. Each is processed and trained for --minutes by the default, a rejected one as it was given. The
-outcome is the mean episode length in the clip's length, from starts anywhere, with everything randomised. Ends with 1
+outcome is the mean episode length in the clip's length as the training reports it at its end. Ends with 1
 where a rejected clip is learnt better than a trackable one. What is trained already in --folder is not trained again.
 """
 
@@ -118,6 +118,9 @@ def trained(row: Row, minutes: float, threads: int) -> Row:
             )
     entries = [json.loads(line) for line in (run / METRICS_FILE).read_text().splitlines()]
     last = [entry for entry in entries if entry["time/wall_s"] <= 60.0 * minutes][-LAST_ITERATIONS:]
+    if not last:
+        hint = "remove the folder to train it again"
+        raise InputError("no iteration within the minutes", where=run, got=f"{minutes:g} minutes", hint=hint)
     ratio = sum(entry["episode_length_ratio"] for entry in last) / len(last)
     done = replace(row, length_ratio=ratio, samples=last[-1]["samples"])
     print(line_of(done), flush=True)
@@ -148,8 +151,11 @@ def main() -> int:
         with ThreadPoolExecutor(jobs) as pool:
             rows = list(pool.map(lambda row: trained(row, options.minutes, threads=1), rows))
     except subprocess.CalledProcessError as error:
-        print(f"error: a training ended with {error.returncode}: see the .log files in {options.folder}")
+        print(f"error: a training ended with {error.returncode}: see {options.folder}/*.log", file=sys.stderr)
         return 1
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     print(f"\nepisode length in clip lengths after {options.minutes:g} minutes on one core, {jobs} at a time")
     for row in sorted(rows, key=lambda row: -row.length_ratio):
         print(line_of(row))
