@@ -30,6 +30,7 @@ def test_a_whole_run_asks_for_nothing_that_a_motor_must_not_give(wire: str, punc
     command += ["--policy", "taichi", "--json", str(result)]
     for _ in range(ATTEMPTS):  # a machine that is late trips the loop, and is no reason to ask for anything forbidden
         run = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        assert result.exists(), f"{run.stdout[-2000:]}\n{run.stderr}"
         judged = json.loads(result.read_text())["wire"]["emulator"]["violations"]
         assert judged["counts"] == {}, judged["listed"]
         if STALE not in run.stderr:
