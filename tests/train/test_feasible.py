@@ -11,7 +11,7 @@ from motion.reference import Reference, build_reference
 from robot.mjcf import compile_model
 from robot.robot import Robot
 from tests.train.worlds import g1, swaying_clip
-from train.base_action import feasible
+from train.base_action import feasible, plant
 from train.base_action.feasible import Nominal, feasible_motion
 from train.base_action.feedforward import feedforward_targets, generalized_motion
 from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
@@ -99,6 +99,6 @@ def test_tangents_are_those_of_mujoco():
     qpos[3:7] /= np.linalg.norm(qpos[3:7])
     expected, back = qpos.copy(), np.empty(model.nv)
     mujoco.mj_integratePos(model, expected, tangent, 1.0)
-    assert feasible._moved(qpos, tangent) == pytest.approx(expected, abs=1e-12)
+    assert plant.moved(qpos, tangent) == pytest.approx(expected, abs=1e-12)
     mujoco.mj_differentiatePos(model, back, 1.0, qpos, expected)
-    assert feasible._difference(expected, qpos) == pytest.approx(back, abs=1e-9)
+    assert plant.difference(expected, qpos) == pytest.approx(back, abs=1e-9)

@@ -96,7 +96,7 @@ def build_base_action(
 ) -> BaseAction | None:
     """Compute the base action of a reference; ``None`` where the settings say so.
 
-    Takes some seconds; with a feasible aim one or two minutes, unless it is ``stored`` there from an earlier call.
+    Takes some seconds; with a feasible aim some minutes, unless it is ``stored`` there from an earlier call.
     """
     s = settings
     if s.kind == "none":
