@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from motion.feet import ground_lift_m
+from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from robot.mjcf import compile_model
 from robot.robot import Robot
 from tests.train.worlds import g1, swaying_clip
-from train.base_action import feasible, plant
+from train.base_action import feasible
 from train.base_action.feasible import Nominal, feasible_motion
 from train.base_action.feedforward import feedforward_targets, generalized_motion
 from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
@@ -91,14 +92,41 @@ def test_a_stored_motion_is_what_the_base_action_aims_at(found, tmp_path):
     assert targets == pytest.approx(nominal.targets_rad, abs=1e-5)
 
 
-def test_tangents_are_those_of_mujoco():
-    """Moving and taking differences of configurations agree with mj_integratePos and mj_differentiatePos."""
-    model = compile_model(g1(), timestep_s=0.005, actuation="position", strip_visuals=True)
-    rng = np.random.default_rng(1)
-    qpos, tangent = rng.normal(size=model.nq), rng.normal(size=model.nv)
-    qpos[3:7] /= np.linalg.norm(qpos[3:7])
-    expected, back = qpos.copy(), np.empty(model.nv)
-    mujoco.mj_integratePos(model, expected, tangent, 1.0)
-    assert plant.moved(qpos, tangent) == pytest.approx(expected, abs=1e-12)
-    mujoco.mj_differentiatePos(model, back, 1.0, qpos, expected)
-    assert plant.difference(expected, qpos) == pytest.approx(back, abs=1e-9)
+def test_a_lifted_foot_is_found_too():
+    """Where the bundled side kick lifts its foot: each tick found is MuJoCo's, and the foot is up."""
+    robot = g1()
+    clip = open_motion("side_kick", robot)
+    frames = slice(round(1.6 * clip.fps), round(2.6 * clip.fps) + 1)
+    cut = {name: getattr(clip, name)[frames] for name in ("root_pos_w", "root_quat_wxyz", "joint_pos_rad", "contact")}
+    reference = build_reference(replace(clip, **cut), robot)
+    wanted = Nominal(reference, feedforward_targets(linearization_model(robot), robot, reference))
+    found = feasible_motion(robot, wanted, ground_lift_m(robot, reference), threads=2, progress=lambda line: None)
+    assert found is not wanted
+    away = np.linalg.norm(found.reference.root_pos_w - reference.root_pos_w, axis=1)
+    assert away.max() < 0.06
+    qpos, qvel, _ = generalized_motion(found.reference)
+    model = compile_model(robot, timestep_s=0.005, actuation="position", strip_visuals=True)
+    data = mujoco.MjData(model)
+    worst, lifted = 0.0, 0.0
+    for tick, targets in enumerate(found.targets_rad[:-1]):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[tick], qvel[tick], targets
+        mujoco.mj_step(model, data, 4)
+        worst = max(worst, float(np.abs(data.qpos - qpos[tick + 1]).max()))
+        feet = [data.body(name).xpos[2] for name in ("left_ankle_roll_link", "right_ankle_roll_link")]
+        lifted = max(lifted, abs(feet[0] - feet[1]))
+    assert worst < 1e-3
+    assert lifted > 0.1
+
+
+def test_flight_is_beyond_it():
+    """The wanted root climbs a metre in half a second: what was wanted comes back, and the run is told."""
+    robot = g1()
+    clip = swaying_clip(robot, 0.5)
+    root = clip.root_pos_w.copy()
+    root[:, 2] += np.linspace(0.0, 1.0, len(root))
+    reference = build_reference(replace(clip, root_pos_w=root), robot)
+    wanted = Nominal(reference, feedforward_targets(linearization_model(robot), robot, reference))
+    lines: list[str] = []
+    nothing = np.zeros(len(reference.root_pos_w))
+    assert feasible_motion(robot, wanted, nothing, threads=2, progress=lines.append) is wanted
+    assert "none found" in lines[-1]
