@@ -21,11 +21,11 @@ from train.base_action.feedforward import generalized_motion
 from train.base_action.horizon import Objective, follow
 from train.base_action.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant
 
-# Price of a squared unit of wrench, one entry a pass.
-WRENCH_COSTS = np.geomspace(1.0, 1e3, 5)
 TARGET_COST = 10.0
-# Ticks of a plan: the next is tried where the last lost the robot.
-HORIZONS = (8, 12, 16)
+# Price of a squared unit of wrench, in the first pass and in the last.
+WRENCH_COST_FIRST, WRENCH_COST_LAST = 1.0, 1e3
+# Ticks of a plan, and how many times dearer the wrench becomes with a pass; the next where that loses the robot.
+PACES = ((8, 32.0), (12, 6.0), (16, 2.5))
 # A pass may cost this much more than the motion it began with, at the same price; who falls costs many times more.
 DEARER_MAX = 1.2
 LIFT_SMOOTHING_TICKS = 3.0
@@ -98,31 +98,30 @@ def feasible_motion(
 
 def _faded(plant: Plant, wanted: Motion, progress: Callable[[str], None]) -> Motion | None:
     """The motion at the highest price of the wrench that was reached; ``None`` where not even the first was."""
-    motion = None
-    for number, wrench_cost in enumerate(WRENCH_COSTS):
-        objective = _objective(wanted, wrench_cost)
-        made = _pass(plant, objective, motion)
-        if made is None:
-            progress(f"feasible motion {number + 1}/{len(WRENCH_COSTS)}: the robot gets lost with so little help")
-            break
-        motion = made
-        away_mm = 1e3 * np.linalg.norm(motion.qpos[:, :3] - wanted.qpos[:, :3], axis=1).mean()
-        progress(
-            f"feasible motion {number + 1}/{len(WRENCH_COSTS)}: root {away_mm:.0f} mm from the reference, "
-            f"helper force {motion.helper_force_n().mean():.1f} N, in its worst half second {_leaning_n(motion):.1f} N"
-        )
+    motion, price = None, 0.0
+    for horizon, dearer in PACES:
+        while price < WRENCH_COST_LAST:
+            risen = min(max(price * dearer, WRENCH_COST_FIRST), WRENCH_COST_LAST)
+            made = _pass(plant, _objective(wanted, risen), motion, horizon)
+            if made is None:
+                progress(f"feasible motion: lost with helper price {risen:.0f}, plans of {horizon} ticks")
+                break
+            motion, price = made, risen
+            away_mm = 1e3 * np.linalg.norm(motion.qpos[:, :3] - wanted.qpos[:, :3], axis=1).mean()
+            force_n, worst_n = motion.helper_force_n().mean(), _leaning_n(motion)
+            progress(
+                f"feasible motion: helper price {price:.0f} of {WRENCH_COST_LAST:.0f}, root {away_mm:.0f} mm from the "
+                f"reference, helper force {force_n:.1f} N, in its worst half second {worst_n:.1f} N"
+            )
     return motion
 
 
-def _pass(plant: Plant, objective: Objective, before: Motion | None) -> Motion | None:
-    """The first pass, of plans longer and longer, in which the robot is not lost."""
-    # The wanted motion costs nothing, but nothing makes it: its first pass is measured against none.
+def _pass(plant: Plant, objective: Objective, before: Motion | None, horizon: int) -> Motion | None:
+    """Follow the motion before, or the wanted one; ``None`` where that loses the robot or costs more."""
+    made = follow(plant, objective, before or objective.wanted, horizon)
+    # The wanted motion costs nothing, but nothing makes it: the first pass has none to be measured against.
     most = np.inf if before is None else DEARER_MAX * objective.cost(before, objective.end())
-    for horizon in HORIZONS:
-        made = follow(plant, objective, before or objective.wanted, horizon)
-        if made is not None and objective.cost(made, objective.end()) < most:
-            return made
-    return None
+    return made if made is not None and objective.cost(made, objective.end()) < most else None
 
 
 def _leaning_n(motion: Motion) -> float:
