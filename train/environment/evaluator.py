@@ -64,7 +64,7 @@ class NoisyStartEvaluator:
 
 
 def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:
-    """Falls (share) and mean errors over all steps until the end or the first fall of each environment."""
+    """Falls (share), length until the end or the first fall (share of the clip), and mean errors until then."""
     alive = torch.ones(env.num_envs, dtype=torch.bool)
     sums = {"eg_mpbpe_mm": 0.0, "empbpe_mm": 0.0, "empjpe_mrad": 0.0}
     steps = 0
@@ -79,4 +79,5 @@ def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:
             sums[name] += float(values[alive].sum())
         steps += int(alive.sum())
     errors = {name: total / max(steps, 1) for name, total in sums.items()}
-    return {"falls": 1.0 - float(alive.float().mean()), **(errors if steps else dict.fromkeys(sums, float("inf")))}
+    survival = {"falls": 1.0 - float(alive.float().mean()), "length_ratio": steps / (env.num_envs * ticks)}
+    return survival | (errors if steps else dict.fromkeys(sums, float("inf")))

@@ -1,0 +1,36 @@
+"""What an evaluation says of actors that stand and of actors that collapse."""
+
+import torch
+
+from tests.train.worlds import g1, settings, swaying_reference
+from train.environment.evaluator import FALL_COST, NoisyStartEvaluator
+
+SECONDS = 0.8
+
+
+def evaluated(act) -> dict[str, float]:
+    robot = g1()
+    evaluator = NoisyStartEvaluator(settings(), robot, swaying_reference(robot, SECONDS), seed=1, threads=2)
+    return evaluator.evaluate(act)
+
+
+def test_who_stands_gets_to_the_end():
+    figures = evaluated(lambda observation: torch.zeros(len(observation), g1().num_joints))
+    assert figures["nominal_falls"] == 0.0 and figures["nominal_length_ratio"] == 1.0
+    # The shoulder sways by up to 0.3 rad, sin² means ½, and the actor does not move it: about 0.2 rad on average.
+    assert 100.0 < figures["nominal_empjpe_mrad"] < 400.0
+    both = [figures[f"{n}_empbpe_mm"] + 0.1 * figures[f"{n}_eg_mpbpe_mm"] for n in ("nominal", "randomized")]
+    assert figures["score"] == sum(both) / 2 + FALL_COST * figures["randomized_falls"] / 2
+
+
+def test_who_collapses_is_told_how_far_it_got():
+    """Knees that let go: no robot reaches the end, each falls for at least the 0.3 s that falling takes."""
+    robot = g1()
+    folded = torch.zeros(robot.num_joints)
+    for side in ("left", "right"):
+        folded[robot.joint_names.index(f"{side}_knee_joint")] = 8.0
+        folded[robot.joint_names.index(f"{side}_hip_pitch_joint")] = 4.0
+    figures = evaluated(lambda observation: folded.expand(len(observation), -1))
+    assert figures["nominal_falls"] == figures["randomized_falls"] == 1.0
+    assert 0.3 / SECONDS < figures["nominal_length_ratio"] < 1.0
+    assert figures["score"] >= FALL_COST
