@@ -164,8 +164,14 @@ def gather_index(group: ObservationGroup, dims: Mapping[str, int]) -> np.ndarray
     return np.concatenate(parts).astype(np.int64)
 
 
-def pbhc_actor_group(name: str = "actor_obs") -> ObservationGroup:
-    """The layout of PBHC's released actors: 380 numbers for 23 joints (paper Table 5, released config)."""
+OLDER_TERMS = ("actions", "dof_pos", "projected_gravity")
+
+
+def pbhc_actor_group(name: str = "actor_obs", older_lags: tuple[int, ...] = ()) -> ObservationGroup:
+    """The layout of PBHC's released actors: 380 numbers for 23 joints (paper Table 5, released config).
+
+    ``older_lags`` (beyond 4) add actions, joint positions and gravity of earlier ticks at the end, term by term.
+    """
     scales = {"base_ang_vel": 0.25, "dof_vel": 0.05}
 
     def at(term: str, *lags: int) -> ObservationTerm:
@@ -174,7 +180,8 @@ def pbhc_actor_group(name: str = "actor_obs") -> ObservationGroup:
     now_first = ("actions", "base_ang_vel", "dof_pos", "dof_vel")
     now_last = ("projected_gravity", "ref_motion_phase")
     history = [at(term, 1, 2, 3, 4) for term in now_first + now_last]
-    return ObservationGroup(name, (*(at(t, 0) for t in now_first), *history, *(at(t, 0) for t in now_last)))
+    older = [at(term, *older_lags) for term in OLDER_TERMS if older_lags]
+    return ObservationGroup(name, (*(at(t, 0) for t in now_first), *history, *(at(t, 0) for t in now_last), *older))
 
 
 def _at_now(entry: ObservationTerm) -> ObservationTerm:

@@ -64,6 +64,11 @@ class TrainConfig:
             positive("minutes", self.minutes)
         if self.iterations is None and self.minutes is None:
             raise InputError("no budget", where="iterations", expected="iterations or minutes (or both)")
+        if self.environment.older_lags and not self.base_action.features:
+            raise InputError(
+                "nothing looks at them", where="environment.older_lags", got=self.environment.older_ticks(),
+                expected="base_action.features=true with them, or none",
+            )  # fmt: skip
         samples = self.num_envs * self.learner.horizon
         if samples < 2 * self.learner.minibatches:
             raise InputError(

@@ -43,7 +43,9 @@ def deployed(actor: Actor) -> Actor:
     return twin
 
 
-def actor_spec(robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any]) -> ActorSpec:
+def actor_spec(
+    robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any], older_lags: tuple[int, ...] = ()
+) -> ActorSpec:
     """What the file says about the actor; joints in the robot's order."""
     start = clip.joint_pos_rad[0, joint_columns(clip, robot)]
     motion = MotionInfo(
@@ -64,7 +66,7 @@ def actor_spec(robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[s
         action_scale=np.full(robot.num_joints, ACTION_SCALE),
         action_clip=ACTION_CLIP,
         control_period_s=CONTROL_PERIOD_S,
-        observations=(pbhc_actor_group(),),
+        observations=(pbhc_actor_group(older_lags=older_lags),),
         history_start="zeros",
         motion=motion,
         provenance=dict(provenance),

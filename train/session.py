@@ -91,6 +91,7 @@ def train(setup: Setup) -> None:
         setup.robot,
         reference,
         ACTION_SCALE,
+        older_lags=config.environment.older_lags,
         threads=config.threads,
         stored=setup.run_dir / FEASIBLE_FILE,
         progress=progress.say,
@@ -198,7 +199,8 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> N
         "threads": setup.config.threads,
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
-    spec = actor_spec(setup.robot, setup.clip, setup.motion_name, facts)
+    lags = setup.config.environment.older_ticks()
+    spec = actor_spec(setup.robot, setup.clip, setup.motion_name, facts, lags)
     path = setup.run_dir / ACTOR_FILE
     digest = export_actor(actor, spec, setup.clip, path)
     last: Mapping[str, Any] = progress.rows[-1] if progress.rows else {}

@@ -9,6 +9,8 @@ import torch
 
 from motion.library import open_motion
 from motion.reference import build_reference
+from policy.observation import pbhc_actor_group
+from policy.spec import ObservationGroup
 from robot.mjcf import compile_model
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
 from train.base_action.estimator import ObservedColumns, interpolate
@@ -163,3 +165,63 @@ def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
     assert actor.observation_size == 380
     graph = to_onnx(deployed(actor), "obs")
     assert verify(deployed(actor), graph, "obs") <= 1e-5
+
+
+BLOCKS = ((6, 8), (10, 13, 16))
+
+
+def observed(group: ObservationGroup, rows: dict[str, np.ndarray]) -> torch.Tensor:
+    """One observation (1, n) of a group, from the newest-first rows (lags, size) of each term."""
+    parts = [rows[entry.term][lag] * entry.scale for entry in group.terms for lag in entry.lags]
+    return torch.tensor(np.concatenate(parts)).float()[None]
+
+
+def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
+    """A clip that goes on changing: the nominal history has no drift, and what is added to it comes back, averaged."""
+    robot, tick = g1(), 30
+    reference = swaying_reference(robot, 1.0)
+    base = build_base_action(BaseActionSettings(kind="feedforward", features=True), robot, reference, 0.25,
+                             older_lags=BLOCKS)  # fmt: skip
+    lags = [lag for block in BLOCKS for lag in block]
+    group = pbhc_actor_group(older_lags=tuple(lags))
+    ticks = tick - np.arange(max(lags) + 1)
+    raw = base.targets.numpy()
+    rows = {
+        "actions": raw[ticks - 1],
+        "base_ang_vel": np.zeros((len(ticks), 3)),
+        "dof_pos": reference.joint_pos_rad[ticks] - robot.default_pos_rad,
+        "dof_vel": reference.joint_vel_rad_s[ticks],
+        "projected_gravity": np.tile([0.0, 0.0, -1.0], (len(ticks), 1)),
+        "ref_motion_phase": (ticks / reference.num_ticks)[:, None],
+    }
+    recent = base.features.size - base.features.drift.size
+    assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 23 + 3)
+    assert base.features(observed(group, rows))[0, recent:] == pytest.approx(0.0, abs=1e-5)
+
+    added = np.random.default_rng(0).normal(size=(len(ticks), 23)) * 0.1
+    rows["dof_pos"] = rows["dof_pos"] + added
+    rows["actions"] = rows["actions"] - added
+    drift = base.features(observed(group, rows))[0, recent:].reshape(len(BLOCKS), 49).numpy()
+    for block, seen in zip(BLOCKS, drift, strict=True):
+        mean = added[list(block)].mean(axis=0)
+        assert seen[:23] == pytest.approx(-0.5 * mean, abs=1e-5)
+        assert seen[23:46] == pytest.approx(3.0 * mean, abs=1e-5)
+        assert seen[46:] == pytest.approx(0.0, abs=1e-5)
+
+    # The history begins 14 ticks ago: the block that reaches back to 16 tells nothing, the other the same as before.
+    for term in ("actions", "dof_pos", "projected_gravity"):
+        rows[term][14:] = 0.0
+    begun = base.features(observed(group, rows))[0, recent:].reshape(len(BLOCKS), 49).numpy()
+    assert begun[0] == pytest.approx(drift[0], abs=1e-6) and not begun[1].any()
+
+
+def test_the_network_does_not_see_the_earlier_ticks_themselves():
+    robot = g1()
+    base = build_base_action(BaseActionSettings(kind="feedforward", features=True), robot,
+                             swaying_reference(robot, 0.5), 0.25, older_lags=BLOCKS)  # fmt: skip
+    mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
+    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base, features=base.features)
+    assert actor.observation_size == 380 + 5 * 49
+    observation = torch.randn(2, actor.observation_size)
+    assert torch.equal(actor.inputs(observation)[:, :380], observation[:, :380])
+    assert actor.inputs(observation).shape[1] == 380 + base.features.size

@@ -1,5 +1,6 @@
 """The tracking environment: layout, timing, resets, curricula, resuming."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -100,10 +101,11 @@ def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     assert foot + sole + lift == pytest.approx(np.zeros(len(foot)), abs=1e-9)
 
 
-def test_actor_observations_equal_those_of_the_robot():
+@pytest.mark.parametrize("older_lags", [[], [[5, 6], [8]]])
+def test_actor_observations_equal_those_of_the_robot(older_lags):
     """What training feeds the network is, from the first tick on, what deployment's history gives."""
-    env = small_env(num_envs=2, start=FIRST_FRAME)
-    group, dims = pbhc_actor_group(), term_dims(23)
+    env = small_env(num_envs=2, start=FIRST_FRAME, older_lags=older_lags)
+    group, dims = pbhc_actor_group(older_lags=tuple(itertools.chain(*older_lags))), term_dims(23)
     history = ObservationHistory(group, dims)
     action = np.zeros(23)
     generator = torch.Generator().manual_seed(1)

@@ -16,7 +16,7 @@ from robot.mjcf import compile_model
 from robot.robot import Robot
 from train.base_action.estimator import Deviation, ObservedColumns, interpolate, reference_observation
 from train.base_action.feasible import Nominal, feasible_motion
-from train.base_action.features import NominalFeatures
+from train.base_action.features import Drift, NominalFeatures
 from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
 from train.base_action.feedforward import feedforward_targets
 from train.phase_basis import num_knots
@@ -90,6 +90,7 @@ def build_base_action(
     reference: Reference,
     action_scale: float,
     *,
+    older_lags: tuple[tuple[int, ...], ...] = (),
     threads: int = 1,
     stored: Path | None = None,
     progress: Callable[[str], None] = lambda line: None,
@@ -120,7 +121,8 @@ def build_base_action(
     stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
     features = None
     if s.features:
-        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s))
+        drift = Drift(older_lags, joints, deviation.reference) if older_lags else None
+        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s), drift)
     return BaseAction(
         deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
     )

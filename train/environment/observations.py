@@ -34,10 +34,18 @@ class Observations:
         num_envs: B.
         noise: term name → half width of the uniform noise on the actor's samples, before scaling.
         generator: source of the noise.
+        older_lags: see :func:`policy.observation.pbhc_actor_group`; the critic, who sees what is hidden, has none.
     """
 
-    def __init__(self, robot: Robot, num_envs: int, noise: Mapping[str, float], generator: torch.Generator) -> None:
-        self.group = pbhc_actor_group()
+    def __init__(
+        self,
+        robot: Robot,
+        num_envs: int,
+        noise: Mapping[str, float],
+        generator: torch.Generator,
+        older_lags: tuple[int, ...] = (),
+    ) -> None:
+        self.group = pbhc_actor_group(older_lags=older_lags)
         dims = term_dims(robot.num_joints)
         self._terms = term_order(self.group)
         self._index = torch.as_tensor(gather_index(self.group, dims))
@@ -46,9 +54,8 @@ class Observations:
         self._noise = torch.cat([torch.full((dims[t.term],), noise.get(t.term, 0.0) * t.scale) for t in self._terms])
         self._default = torch.tensor(robot.default_pos_rad).float()
         self._generator = generator
-        lags = num_lags(self.group)
-        self.actor_history = torch.zeros(num_envs, lags, width)
-        self.critic_history = torch.zeros(num_envs, lags, width + 3)
+        self.actor_history = torch.zeros(num_envs, num_lags(self.group), width)
+        self.critic_history = torch.zeros(num_envs, num_lags(pbhc_actor_group()), width + 3)
 
     def push(self, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
         """Take in the samples (B, W) of every environment; every lag grows by one tick."""
@@ -81,7 +88,7 @@ class Observations:
         return actor, torch.cat([exact, LIN_VEL_SCALE * lin_vel_b], dim=1)
 
     def actor(self) -> torch.Tensor:
-        """The actor's observation (B, 380)."""
+        """The actor's observation (B, 380), and the older ticks after it."""
         return self.actor_history.flatten(1)[:, self._index]
 
 

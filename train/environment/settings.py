@@ -1,9 +1,11 @@
 """What the environment can be told: checked at construction, before any simulation."""
 
+import itertools
 from dataclasses import dataclass, field
 from typing import Literal
 
 from policy.observation import TERMS as OBSERVATION_TERMS
+from policy.spec import MAX_LAG
 from robot.errors import InputError
 from train.environment.rewards import DIRECT, TRACKING
 from train.simulation.domain import DomainRanges
@@ -106,6 +108,7 @@ class EnvironmentSettings:
     """The environment section of the training configuration.
 
     ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too.
+    ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     """
 
     rewards: dict[str, RewardTerm]
@@ -117,6 +120,7 @@ class EnvironmentSettings:
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
     critic_phase_knots: bool = False
+    older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     push: PushSettings = field(default_factory=PushSettings)
@@ -152,5 +156,16 @@ class EnvironmentSettings:
             within(f"environment.randomization_scale.{name}", getattr(self.randomization_scale, name), 0.0, 1.0)
         within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
         positive("environment.torque_soft_factor", self.torque_soft_factor)
+        lags = self.older_ticks()
+        rising = all(a < b for a, b in itertools.pairwise((4, *lags, MAX_LAG + 1)))
+        if not rising or not all(self.older_lags):
+            raise InputError(
+                "unusable lags", where="environment.older_lags", got=[list(block) for block in self.older_lags],
+                expected=f"blocks of ticks from 5 to {MAX_LAG}, rising from one to the next",
+            )  # fmt: skip
         if self.penalty_step_max is not None:
             positive("environment.penalty_step_max", self.penalty_step_max)
+
+    def older_ticks(self) -> tuple[int, ...]:
+        """All of ``older_lags``, in order."""
+        return tuple(itertools.chain.from_iterable(self.older_lags))

@@ -69,7 +69,7 @@ class TrackingEnv:
 
     def _allocate(self, robot: Robot) -> None:
         s, envs = self.settings, self.num_envs
-        self.observations = Observations(robot, envs, s.observation_noise, self._generator)
+        self.observations = Observations(robot, envs, s.observation_noise, self._generator, s.older_ticks())
         self.starts = StartSampler(s.start, self._table.num_ticks, self._generator)
         self.pushes = Pushes(s.push, envs, CONTROL_PERIOD_S, self._generator)
         tracking = [name for name in self.reward_names if name in TRACKING]

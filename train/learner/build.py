@@ -33,15 +33,14 @@ def build_learner(config: TrainConfig, env: TrackingEnv, base: BaseAction | None
 
     low, high = settings.noise_std_range
     features = None if base is None else base.features
-    actor_inputs = env.actor_obs_dim + (0 if features is None else features.size)
+    seen = env.actor_obs_dim - (0 if features is None else features.unseen)
+    actor_inputs = seen + (0 if features is None else features.size)
     actor_mlp = mlp(actor_inputs, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
     critic_mlp = mlp(env.critic_obs_dim, settings.critic_hidden, heads, "critic", 1.0)
     sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, env.critic_obs_dim, env.num_actions, heads)
     input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
     return Ppo(
-        Actor(
-            actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(env.actor_obs_dim), features
-        ),
+        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(seen), features),
         Critic(critic_mlp, normalizer(env.critic_obs_dim)),
         Storage(sizes, input_dtype, torch.device("cpu")),
         settings,

@@ -108,6 +108,7 @@ class Actor(nn.Module):
         base: optional module obs (..., Da) → action (..., J) without trained parameters.
         normalizer: optional normaliser of the observation that the network sees (not of the base's).
         features: optional module obs (B, Da) → (B, F = ``size``) of further inputs of the network; nothing is trained.
+            The last ``unseen`` columns of obs are for it alone.
     """
 
     def __init__(
@@ -127,12 +128,18 @@ class Actor(nn.Module):
 
     @property
     def observation_size(self) -> int:
-        """Da: the network's inputs without the features."""
+        """Da: the network's inputs without the features, and what only they look at."""
+        return self._seen if self.features is None else self._seen + cast(int, self.features.unseen)
+
+    @property
+    def _seen(self) -> int:
+        """Leading columns of the observation that the network sees itself."""
         return self.mlp.input_size - (0 if self.features is None else cast(int, self.features.size))
 
     def inputs(self, obs: Tensor) -> Tensor:
         """What the network sees of obs (..., Da)."""
-        seen = obs if self.normalizer is None else self.normalizer(obs)
+        seen = obs[..., : self._seen]
+        seen = seen if self.normalizer is None else self.normalizer(seen)
         return seen if self.features is None else torch.cat([seen, self.features(obs)], dim=-1)
 
     def base_action(self, obs: Tensor) -> Tensor | None:
