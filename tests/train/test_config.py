@@ -184,7 +184,6 @@ REFUSED = [
     ("environment.older_lags=[[6,9],[9]]", "environment.older_lags: unusable lags"),
     ("environment.older_lags=[[]]", "environment.older_lags: unusable lags"),
     ("environment.older_lags=[[6,2000]]", "environment.older_lags: unusable lags"),
-    ("base_action.features=false", "environment.older_lags: nothing looks at them"),
     ("environment.sigma_alpha=2", "environment.sigma_alpha: out of range"),
     ("environment=null", "environment: wrong type"),
     ("environment.rewards=3", "environment.rewards: wrong type"),
@@ -203,6 +202,12 @@ def test_refused_in_one_line(override, message):
     with pytest.raises(InputError, match=message) as caught:
         config(override)
     assert "\n" not in str(caught.value)
+
+
+def test_earlier_ticks_need_somebody_who_looks_at_them():
+    assert config("environment.older_lags=[[6,9],[12]]").environment.older_ticks() == (6, 9, 12)
+    with pytest.raises(InputError, match="environment.older_lags: nothing looks at them"):
+        config("environment.older_lags=[[6,9],[12]]", "base_action.features=false")
 
 
 def test_resume_takes_a_budget_and_nothing_else():
