@@ -206,7 +206,7 @@ def test_refused_in_one_line(override, message):
 
 def test_earlier_ticks_need_somebody_who_looks_at_them():
     assert config("environment.older_lags=[[6,9],[12]]").environment.older_ticks() == (6, 9, 12)
-    with pytest.raises(InputError, match="environment.older_lags: nothing looks at them"):
+    with pytest.raises(InputError, match=r"environment\.older_lags: nothing looks at them"):
         config("environment.older_lags=[[6,9],[12]]", "base_action.features=false")
 
 
