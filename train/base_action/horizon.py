@@ -15,7 +15,8 @@ from train.base_action.plant import LINEARIZE_EVERY, Motion, Plant, Slopes, diff
 REPLAN_EVERY = 2
 STEP_SIZES = np.array([1.0, 0.7, 0.5, 0.3, 0.15, 0.07, 0.02])
 FEEDBACK_MAX = 3.0
-LOST_M = 0.5
+# A robot this far from where it should be has been thrown aside, even where a later tick brings it back.
+LOST_M = 0.25
 
 
 @dataclass(frozen=True)

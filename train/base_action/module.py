@@ -19,10 +19,9 @@ from train.base_action.feasible import Nominal, feasible_motion
 from train.base_action.features import Drift, NominalFeatures
 from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
 from train.base_action.feedforward import feedforward_targets
+from train.base_action.plant import SUBSTEP_S
 from train.phase_basis import num_knots
 from train.structured import at_least, positive
-
-SUBSTEP_S = 0.005
 
 
 @dataclass(frozen=True)
