@@ -140,6 +140,7 @@ class PreflightSettings(_Checked):
     gravity_m_s2: float
     temperature_c: float
     range_margin_rad: float
+    age_periods: float
     state_wait_s: float
     settle_s: float
     samples: int

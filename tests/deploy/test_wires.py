@@ -3,15 +3,26 @@
 import json
 
 import pytest
+import yaml
 
 import deploy.session
 import hal.open
 from deploy.cli import main
 from deploy.dry_run import DryRunRecord, require_records
 from deploy.options import RunOptions
+from hal.options import config_file
 from robot.errors import InputError
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import read_journal
+
+
+def patient_settings():
+    """The defaults, but a machine that pauses for a second trips nothing: what trips is tests/hal/conformance's."""
+    settings = yaml.safe_load(config_file("deploy", "default").read_text())
+    settings["safety"]["stale"] = {"limit_periods": 50.0, "trip_periods": 50.0}
+    settings["preflight"]["age_periods"] = 50.0
+    settings["safety"]["inference_overrun"]["periods"] = 50.0
+    return yaml.safe_dump(settings)
 
 
 @pytest.fixture
@@ -20,12 +31,14 @@ def rig(tmp_path, monkeypatch):
     write_standing_actor(tmp_path / "stand.onnx")
     write_standing_actor(tmp_path / "clip.onnx", seconds=1.0, name="clip")
     (tmp_path / "wire.yaml").write_text("a: 1\n")
+    (tmp_path / "patient.yaml").write_text(patient_settings())
     monkeypatch.setitem(hal.open.WIRES, "can", ("tests.hal.wire.fake", str(tmp_path / "wire.yaml")))
     monkeypatch.setattr(deploy.session, "RECORDS", tmp_path / "records")
     monkeypatch.setenv("FAKE_WIRE_JOURNAL", str(tmp_path / "journal"))
 
     def run(*options):
         common = ["--policy", str(tmp_path / "clip.onnx"), "--stand", str(tmp_path / "stand.onnx")]
+        common += ["--config", str(tmp_path / "patient.yaml")]
         return main(["--backend", "can", *common, *map(str, options)])
 
     run.folder = tmp_path
