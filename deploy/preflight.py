@@ -47,7 +47,11 @@ def run_preflight(
     settle, keep = (round(settings.settle_s / backend.control_period_s), settings.samples) if at_rest else (0, 1)
     states, gaps_s = _read_states(backend, clock, settings.state_wait_s, settle, keep)
     checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors), _link_line(gaps_s)]
-    checks += [_check_rate(states, settings.age_periods * backend.control_period_s), _check_faults(states), _check_finite(states)]
+    checks += [
+        _check_rate(states, settings.age_periods * backend.control_period_s),
+        _check_faults(states),
+        _check_finite(states),
+    ]
     checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
     if at_rest:
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
