@@ -47,11 +47,8 @@ def run_preflight(
     settle, keep = (round(settings.settle_s / backend.control_period_s), settings.samples) if at_rest else (0, 1)
     states, gaps_s = _read_states(backend, clock, settings.state_wait_s, settle, keep)
     checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors), _link_line(gaps_s)]
-    checks += [
-        _check_rate(states, settings.age_periods * backend.control_period_s),
-        _check_faults(states),
-        _check_finite(states),
-    ]
+    limit_s = settings.age_periods * backend.control_period_s
+    checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
     if at_rest:
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
@@ -120,7 +117,7 @@ def _check_actor(actor: ActorRun, robot: Robot) -> Check:
     return Check(f"actor {actor.name}", set(spec.joint_names) == set(robot.joint_names), found)
 
 
-def _check_rate(states: Sequence[RobotState], limit_s: float) -> Check:
+def _check_age(states: Sequence[RobotState], limit_s: float) -> Check:
     ages_s = [max(float(state.joint_age_s.max()), state.imu_age_s) for state in states]
     worst_s = max(ages_s)
     return Check("state age", worst_s < limit_s, f"at most {1e3 * worst_s:.1f} ms in {len(states)} readings")
