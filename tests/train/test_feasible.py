@@ -12,7 +12,7 @@ from motion.reference import Reference, build_reference
 from robot.mjcf import compile_model
 from robot.robot import Robot
 from tests.train.worlds import g1, swaying_clip
-from train.base_action.feasible import Nominal, feasible_motion
+from train.base_action.feasible import NO_HELP_N, Nominal, feasible_motion
 from train.base_action.feedforward import feedforward_targets, generalized_motion
 from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
 
@@ -68,7 +68,7 @@ def test_it_stays_near_what_was_wanted(found):
     assert np.linalg.norm(away[:, :2], axis=1).mean() < LEAN_M / 2
     assert away[-1, 2] == pytest.approx(-0.02, abs=0.02)  # on the ground, not above it
     assert np.abs(nominal.reference.joint_pos_rad - reference.joint_pos_rad).mean() < 0.1
-    assert "helper price 1000 of 1000" in lines[-1] and "helper force 0." in lines[-1]
+    assert float(lines[-1].split()[-2]) <= NO_HELP_N < float(lines[0].split()[-2])  # in the worst half second
 
 
 def test_it_survives_a_file(found, tmp_path):

@@ -15,7 +15,7 @@ from robot.robot import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 OVERRIDES = [
-    "motion=taichi",
+    "motion=side_kick",
     "iterations=8",
     "num_envs=16",
     "checkpoint_every=2",
@@ -66,7 +66,7 @@ def test_both_export_the_same_actor(runs):
     first, second = (load_actor(run / "actor.onnx", robot) for run in runs)
     observation = {"actor_obs": np.random.default_rng(0).normal(size=380).astype(np.float32)}
     assert np.array_equal(first.infer(observation), second.infer(observation))
-    assert first.spec.motion.name == "taichi"
+    assert first.spec.motion.name == "side_kick"
 
 
 @pytest.mark.parametrize("backend", ["mock", "mujoco"])

@@ -32,6 +32,8 @@ LIFT_SMOOTHING_TICKS = 3.0
 # A motion that leans on the wrench anywhere, for half a second, is no better an aim than the reference.
 HELPER_FORCE_MAX_N = 5.0
 LEANING_TICKS = 25
+# Less than this, the weight of 50 g, is no help: a dearer wrench would change nothing.
+NO_HELP_N = 0.5
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def _faded(plant: Plant, wanted: Motion, progress: Callable[[str], None]) -> Mot
     """The motion at the highest price of the wrench that was reached; ``None`` where not even the first was."""
     motion, price = None, 0.0
     for horizon, dearer in PACES:
-        while price < WRENCH_COST_LAST:
+        while price < WRENCH_COST_LAST and (motion is None or _leaning_n(motion) > NO_HELP_N):
             risen = min(max(price * dearer, WRENCH_COST_FIRST), WRENCH_COST_LAST)
             made = _pass(plant, _objective(wanted, risen), motion, horizon)
             if made is None:
