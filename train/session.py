@@ -81,6 +81,7 @@ def train(setup: Setup) -> None:
     config = setup.config
     torch.set_num_threads(config.threads)
     stop, started_s = StopRequest(), time.monotonic()
+    code = code_version()  # the code may have changed by the time the actor is written
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     env = _environment(setup)
     _begin_folder(setup)
@@ -110,7 +111,7 @@ def train(setup: Setup) -> None:
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
         outcome = runner.run()
-        _export(setup, runner, progress, outcome)
+        _export(setup, runner, progress, outcome, code)
         progress.say(f"report {report.finish()}")
     finally:
         progress.close()
@@ -183,7 +184,7 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
-def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> None:
+def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
     facts: dict[str, Any] = {
@@ -194,7 +195,7 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str) -> N
         "exported_iteration": runner.best.iteration or runner.iteration,
         "evaluation": runner.best.figures,
         "config_sha256": fingerprint(setup.document),
-        "code": code_version(),
+        "code": code,
         "precision": setup.config.precision,
         "threads": setup.config.threads,
         TIME_PREFIX + "wall_s": runner.wall_s,
