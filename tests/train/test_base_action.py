@@ -194,7 +194,7 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
         "projected_gravity": np.tile([0.0, 0.0, -1.0], (len(ticks), 1)),
         "ref_motion_phase": (ticks / reference.num_ticks)[:, None],
     }
-    recent = base.features.size - base.features.drift.size
+    recent = base.features.size - base.deviation.drift.size
     assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 23 + 3)
     assert base.features(observed(group, rows))[0, recent:] == pytest.approx(0.0, abs=1e-5)
 

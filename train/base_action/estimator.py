@@ -1,7 +1,9 @@
 """How far the robot is from its reference, estimated from the actor's noisy observation history.
 
 Noise of the size that training assumes (tilt ±0.2, joint velocity ±1 rad/s) would shake a robot under plain linear
-feedback. Averaging over the history removes most of it; gyro and joint positions make up for the lag of the averages.
+feedback. Averaging over the history removes part of it; gyro and joint positions make up for the lag of the averages.
+What the averages miss a linear correction tells, fitted to what the robot really did
+(:mod:`train.base_action.fitting`): commands, and how the joints answer, say more of a velocity than its noisy samples.
 """
 
 from dataclasses import dataclass
@@ -20,16 +22,24 @@ GYRO_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 VELOCITY_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 SLOPE_LAG = 2
 SLOPE_SHARE = 0.5
+DRIFT_SCALE = 3.0
+DRIFT_ACTION_SCALE = 0.5
+DRIFT_CLIP = 10.0
 
 
 @dataclass(frozen=True)
 class ObservedColumns:
-    """Columns of the actor observation: (L, 3+3+J+J) measurements by lag, (J,) last action, and the phase now."""
+    """Columns of the actor observation: (L, 3+3+J+J) measurements, (L, J) actions by lag, and the phase now."""
 
     measured: np.ndarray
     scale: np.ndarray
-    action: np.ndarray
+    actions: np.ndarray
     phase: int
+
+    @property
+    def action(self) -> np.ndarray:
+        """Columns (J,) of the last action."""
+        return self.actions[0]
 
     @classmethod
     def of(cls, robot: Robot) -> "ObservedColumns":
@@ -46,7 +56,7 @@ class ObservedColumns:
         return cls(
             measured=np.array([np.concatenate([at[name, lag] for name in MEASURED]) for lag in range(num_lags(group))]),
             scale=np.concatenate([np.full(dims[name], scales[name]) for name in MEASURED]),
-            action=at["actions", 0],
+            actions=np.array([at["actions", lag] for lag in range(num_lags(group))]),
             phase=int(at["ref_motion_phase", 0][0]),
         )
 
@@ -65,24 +75,35 @@ def reference_observation(robot: Robot, reference: Reference, last_action: np.nd
 
 
 class Deviation(nn.Module):
-    """Deviations (B, 3+3+J+J+J) of gravity, angular velocity, joints, their velocities and the last raw action."""
+    """Deviations (B, 3+3+J+J+J) of gravity, angular velocity, joints, their velocities and the last raw action.
+
+    Averages over the history, corrected by ``clues`` · ``correction``; the correction is zero until it is fitted.
+
+    Args:
+        columns: where the observation has what.
+        reference: (T, 3+3+J+J + J), see :func:`reference_observation`.
+        drift: further clues from earlier ticks.
+    """
 
     measured: torch.Tensor
-    action: torch.Tensor
+    actions: torch.Tensor
+    correction: torch.Tensor
     scale: torch.Tensor
     reference: torch.Tensor
     velocity_weights: torch.Tensor
     gyro_weights: torch.Tensor
     turned_since: torch.Tensor
 
-    def __init__(self, columns: ObservedColumns, reference: np.ndarray) -> None:
+    def __init__(self, columns: ObservedColumns, reference: torch.Tensor, drift: "Drift | None" = None) -> None:
         super().__init__()
         lags, width = columns.measured.shape
-        self._joints = len(columns.action)
+        self.drift, self._joints = drift, len(columns.action)
         self._tick_phase, self._dt_s = 1.0 / (len(reference) - 1), 0.02
         self._width = width
         self.register_buffer("measured", torch.tensor(columns.measured))
-        self.register_buffer("action", torch.tensor(columns.action))
+        self.register_buffer("actions", torch.tensor(columns.actions))
+        clues = lags * (width + self._joints) + (0 if drift is None else drift.size)
+        self.register_buffer("correction", torch.zeros(clues, width))
         for name, numbers in {
             "scale": columns.scale,
             "reference": reference,
@@ -91,18 +112,33 @@ class Deviation(nn.Module):
             # Row i sums the newest i rotations: what turned between lag i and now.
             "turned_since": np.tril(np.ones((lags, lags)), -1) * self._dt_s,
         }.items():
-            self.register_buffer(name, torch.tensor(np.asarray(numbers)).float())
+            self.register_buffer(name, torch.as_tensor(np.asarray(numbers)).float())
 
     def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
         """See the class. Lags from before the start read zero gravity and count for nothing."""
+        averages, clues, action = self.parts(observation, phase)
+        return torch.cat([averages + clues @ self.correction, action], dim=1)
+
+    def parts(self, observation: torch.Tensor, phase: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Averages (B, 3+3+J+J), the clues (B, C) that may correct them, and the last action's deviation (B, J)."""
         lags = self.measured.shape[0]
         measured = observation[:, self.measured.flatten()].reshape(-1, lags, self._width) / self.scale
+        sent = observation[:, self.actions.flatten()].reshape(-1, lags, self._joints)
         rows = [interpolate(self.reference, (phase - lag * self._tick_phase).clamp(min=0.0)) for lag in range(lags)]
-        expected = torch.stack([row[:, : self._width] for row in rows], dim=1)
+        expected, expected_sent = torch.stack(rows, dim=1).split([self._width, self._joints], dim=2)
         known = (measured[..., :3].square().sum(dim=-1, keepdim=True) > 0.25).to(measured.dtype)
-        gravity, gyro, joints, velocity = ((measured - expected) * known).split([3, 3, self._joints, self._joints], -1)
+        off, sent_off = (measured - expected) * known, (sent - expected_sent) * known
+        clues = [off.flatten(1), sent_off.flatten(1)]
+        if self.drift is not None:
+            clues.append(self.drift(observation, phase))
+        averages = self._averages(off, expected[..., :3], known)
+        return averages, torch.cat(clues, dim=1), sent[:, 0] - expected_sent[:, 0]
+
+    def _averages(self, off: torch.Tensor, expected_gravity: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
+        """Of deviations (B, L, 3+3+J+J); ``known`` (B, L, 1)."""
+        gravity, gyro, joints, velocity = off.split([3, 3, self._joints, self._joints], -1)
         turned = torch.matmul(self.turned_since, gyro)
-        gravity = (gravity + cross(expected[..., :3], turned)) * known
+        gravity = (gravity + cross(expected_gravity, turned)) * known
         slope = (joints[:, 0] - joints[:, SLOPE_LAG]) / (SLOPE_LAG * self._dt_s)
         share = SLOPE_SHARE * known[:, SLOPE_LAG]
         averaged = _average(velocity, known[..., 0] * self.velocity_weights)
@@ -112,10 +148,52 @@ class Deviation(nn.Module):
                 _average(gyro, known[..., 0] * self.gyro_weights),
                 joints[:, 0],
                 share * slope + (1.0 - share) * averaged,
-                observation[:, self.action] - rows[0][:, self._width :],
             ],
             dim=1,
         )
+
+
+class Drift(nn.Module):
+    """Mean deviation (B, blocks · (J+J+3)) of actions, joints and gravity over blocks of earlier ticks, scaled.
+
+    Torques, masses and a centre of mass that are not the nominal ones show in what a robot leans to for a second; five
+    noisy ticks hide them. A block that begins before the start counts for nothing.
+
+    Args:
+        blocks: the lags of each block, rising; the last columns of the observation hold them term by term
+            (:func:`policy.observation.pbhc_actor_group`).
+        joints: J.
+        reference: (T, 3+3+J+J + J) see :func:`reference_observation`.
+    """
+
+    scale: torch.Tensor
+
+    def __init__(self, blocks: tuple[tuple[int, ...], ...], joints: int, reference: torch.Tensor) -> None:
+        super().__init__()
+        self._counts, self._joints = [len(block) for block in blocks], joints
+        self.size = len(blocks) * (2 * joints + 3)
+        self.width = sum(self._counts) * (2 * joints + 3)
+        gravity, _, positions, _, actions = reference.split([3, 3, joints, joints, joints], dim=1)
+        wanted, ticks = torch.cat([actions, positions, gravity], dim=1), torch.arange(len(reference))
+        for number, block in enumerate(blocks):
+            rows = [wanted[(ticks - lag).clamp(min=0)] for lag in block]
+            self.register_buffer(f"wanted_{number}", torch.stack(rows).mean(dim=0))
+        scale = torch.full((2 * joints + 3,), DRIFT_SCALE)
+        scale[:joints] = DRIFT_ACTION_SCALE
+        self.register_buffer("scale", scale)
+
+    def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
+        """Of observations (B, 380 + width) at phases (B,)."""
+        older, lags = observation[:, -self.width :], sum(self._counts)
+        sizes = [self._joints, self._joints, 3]
+        terms = older.split([lags * size for size in sizes], dim=1)
+        seen = torch.cat([term.reshape(-1, lags, size) for term, size in zip(terms, sizes, strict=True)], dim=2)
+        drifts = []
+        for number, block in enumerate(seen.split(self._counts, dim=1)):
+            known = (block[:, -1, -3:].square().sum(dim=1, keepdim=True) > 0.25).to(block.dtype)
+            deviation = block.mean(dim=1) - interpolate(getattr(self, f"wanted_{number}"), phase)
+            drifts.append((deviation * self.scale * known).clamp(-DRIFT_CLIP, DRIFT_CLIP))
+        return torch.cat(drifts, dim=1)
 
 
 def _average(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:

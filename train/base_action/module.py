@@ -14,9 +14,9 @@ from motion.feet import ground_lift_m
 from motion.reference import Reference
 from robot.mjcf import compile_model
 from robot.robot import Robot
-from train.base_action.estimator import Deviation, ObservedColumns, interpolate, reference_observation
+from train.base_action.estimator import Deviation, Drift, ObservedColumns, interpolate, reference_observation
 from train.base_action.feasible import Nominal, feasible_motion
-from train.base_action.features import Drift, NominalFeatures
+from train.base_action.features import NominalFeatures
 from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
 from train.base_action.feedforward import feedforward_targets
 from train.base_action.plant import SUBSTEP_S
@@ -29,6 +29,7 @@ class BaseActionSettings:
     """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
 
     ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
+    ``estimate``: how the deviation is estimated, by averages alone or with a correction fitted to rollouts.
     ``features``: whether the actor's network sees :class:`train.base_action.features.NominalFeatures` too.
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
     Cheap targets (``costs``) track best without sensor noise and shake with it.
@@ -36,6 +37,7 @@ class BaseActionSettings:
 
     kind: Literal["lqr", "feedforward", "none"] = "lqr"
     aim: Literal["feasible", "reference"] = "reference"
+    estimate: Literal["averaged", "fitted"] = "averaged"
     features: bool = False
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
@@ -73,9 +75,13 @@ class BaseAction(nn.Module):
         self.register_buffer("targets", torch.tensor(targets).float())
         self.register_buffer("gains", torch.tensor(gains.reshape(len(gains), -1)).float())
 
+    def phase(self, observation: torch.Tensor) -> torch.Tensor:
+        """Where in its tables (B,), 0 to 1, an observation (B, 380+) is."""
+        return (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
+
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        phase = (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
+        phase = self.phase(observation)
         gain = interpolate(self.gains, phase).reshape(-1, self._joints, self._width)
         # In double: far off the reference the products are large and cancel.
         deviation = self.deviation(observation, phase).double().unsqueeze(-1)
@@ -113,15 +119,16 @@ def build_base_action(
     raw = (nominal.targets_rad - robot.default_pos_rad) / action_scale
     layout = ObservedColumns.of(robot)
     last_raw = np.vstack([raw[:1], raw[:-1]])
-    deviation = Deviation(layout, reference_observation(robot, nominal.reference, last_raw))
+    observed = torch.tensor(reference_observation(robot, nominal.reference, last_raw)).float()
+    drift = Drift(older_lags, joints, observed) if older_lags else None
+    deviation = Deviation(layout, observed, drift)
     # Deviations are in physical units, of the previous action in raw ones; feedback is in raw actions.
     gains[..., -joints:] *= action_scale
     # A clip may end between two ticks, the tables end with the last tick.
     stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
     features = None
     if s.features:
-        drift = Drift(older_lags, joints, deviation.reference) if older_lags else None
-        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s), drift)
+        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s))
     return BaseAction(
         deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
     )
