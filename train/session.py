@@ -144,7 +144,8 @@ def _base_action(setup: Setup, reference: Reference, progress: Progress) -> Base
     )
     if base is not None and config.base_action.estimate == "fitted" and setup.state is None:
         world = (config.environment, setup.robot, reference)
-        fit_estimate(base, *world, seed=config.seed, threads=config.threads, progress=progress.say)
+        noise_std = config.learner.noise_std_range[0]
+        fit_estimate(base, *world, seed=config.seed, threads=config.threads, noise_std=noise_std, progress=progress.say)
     return base
 
 

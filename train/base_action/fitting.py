@@ -34,6 +34,7 @@ def fit_estimate(
     *,
     seed: int,
     threads: int,
+    noise_std: float,
     progress: Callable[[str], None],
 ) -> None:
     """Set ``base.deviation.correction``. Same arguments, same numbers.
@@ -44,13 +45,16 @@ def fit_estimate(
         robot, reference: what is tracked.
         seed: of the first round's environment.
         threads: worker threads of the physics.
+        noise_std: of the noise on the raw actions. Without any, commands would follow from what is seen, and what they
+            do to the robot could not be told from it.
         progress: told one line a round: how much of the averages' error the correction removes.
     """
     full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
     settings = replace(settings, randomization_scale=full, start=StartSettings(first_frame=0.2))
     for number in range(ROUNDS):
         env = build_environment(settings, robot, reference, num_envs=NUM_ENVS, seed=seed + number, threads=threads)
-        clues, errors = _played(base, env)
+        noise = torch.Generator().manual_seed(seed + number)
+        clues, errors = _played(base, env, noise_std, noise)
         base.deviation.correction.copy_(ridge(clues, errors))
         left = (errors - clues @ base.deviation.correction).square().mean(dim=0) / errors.square().mean(dim=0)
         gravity, gyro, joints, speeds = (part.mean() for part in left.split([3, 3, robot.num_joints, robot.num_joints]))
@@ -69,7 +73,9 @@ def ridge(clues: torch.Tensor, errors: torch.Tensor) -> torch.Tensor:
     return (weights / scale[:, None]).float()
 
 
-def _played(base: BaseAction, env: TrackingEnv) -> tuple[torch.Tensor, torch.Tensor]:
+def _played(
+    base: BaseAction, env: TrackingEnv, noise_std: float, noise: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     """The clues (n, C) that the base action had in a play, and the errors (n, 3+3+J+J) of its averages."""
     observations = env.reset()["actor"]
     clues, errors = [], []
@@ -79,7 +85,9 @@ def _played(base: BaseAction, env: TrackingEnv) -> tuple[torch.Tensor, torch.Ten
             averages, seen, _ = base.deviation.parts(observations, phase)
             clues.append(seen)
             errors.append(_true_deviation(base, env, phase) - averages)
-        observations = env.step(base(observations)).observations["actor"]
+        action = base(observations)
+        action += noise_std * torch.randn(action.shape, generator=noise)
+        observations = env.step(action).observations["actor"]
     return torch.cat(clues), torch.cat(errors)
 
 
