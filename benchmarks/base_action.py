@@ -26,6 +26,7 @@ try:
         from robot.errors import InputError
         from robot.outputs import check_output_file, write_json
         from robot.robot import load_robot
+        from train.base_action.fitting import fit_estimate
         from train.base_action.module import build_base_action
         from train.config import TrainConfig, check, compose_document
         from train.environment.factory import build_environment
@@ -37,6 +38,7 @@ except ModuleNotFoundError as error:
     sys.exit(2)
 
 ERROR_LIMIT_M = 0.6
+FITTED_ON = 512  # robots, as many as a training has
 
 
 @torch.no_grad()
@@ -45,16 +47,22 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)
     reference = build_reference(open_motion(config.motion, robot), robot, CONTROL_PERIOD_S)
+
+    def progress(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    lags, threads = config.environment.older_lags, config.threads
     base = build_base_action(
-        config.base_action,
-        robot,
-        reference,
-        ACTION_SCALE,
-        threads=config.threads,
-        progress=lambda line: print(line, file=sys.stderr, flush=True),
+        config.base_action, robot, reference, ACTION_SCALE, older_lags=lags, threads=threads, progress=progress
     )
     if base is None:
         raise InputError("no base action", where="base_action.kind", got="none", expected="lqr or feedforward")
+    if config.base_action.estimate == "fitted":
+        world = (config.environment, robot, reference)
+        noise_std = config.learner.noise_std_range[0]
+        fit_estimate(
+            base, *world, num_envs=FITTED_ON, seed=config.seed, threads=threads, noise_std=noise_std, progress=progress
+        )
 
     def fixed(value: float) -> CurriculumSettings:
         return CurriculumSettings(start=value, easy=value, hard=value, factor=0.0)

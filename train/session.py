@@ -145,7 +145,15 @@ def _base_action(setup: Setup, reference: Reference, progress: Progress) -> Base
     if base is not None and config.base_action.estimate == "fitted" and setup.state is None:
         world = (config.environment, setup.robot, reference)
         noise_std = config.learner.noise_std_range[0]
-        fit_estimate(base, *world, seed=config.seed, threads=config.threads, noise_std=noise_std, progress=progress.say)
+        fit_estimate(
+            base,
+            *world,
+            num_envs=config.num_envs,
+            seed=config.seed,
+            threads=config.threads,
+            noise_std=noise_std,
+            progress=progress.say,
+        )
     return base
 
 

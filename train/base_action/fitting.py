@@ -20,8 +20,7 @@ from train.environment.settings import CurriculumSettings, EnvironmentSettings, 
 from train.environment.tracking import TrackingEnv
 
 ROUNDS = 2
-NUM_ENVS = 320
-TICKS, FIRST_TICK, EVERY_TICKS = 240, 20, 4
+TICKS, FIRST_TICK, EVERY_TICKS = 160, 20, 4
 RIDGE = 1e-2
 
 
@@ -32,6 +31,7 @@ def fit_estimate(
     robot: Robot,
     reference: Reference,
     *,
+    num_envs: int,
     seed: int,
     threads: int,
     noise_std: float,
@@ -43,6 +43,7 @@ def fit_estimate(
         base: plays, and is corrected.
         settings: of the environment that it plays in; starts are anywhere, randomisation and noise at full size.
         robot, reference: what is tracked.
+        num_envs: robots that play at once; some hundreds tell enough.
         seed: of the first round's environment.
         threads: worker threads of the physics.
         noise_std: of the noise on the raw actions. Without any, commands would follow from what is seen, and what they
@@ -52,7 +53,7 @@ def fit_estimate(
     full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
     settings = replace(settings, randomization_scale=full, start=StartSettings(first_frame=0.2))
     for number in range(ROUNDS):
-        env = build_environment(settings, robot, reference, num_envs=NUM_ENVS, seed=seed + number, threads=threads)
+        env = build_environment(settings, robot, reference, num_envs=num_envs, seed=seed + number, threads=threads)
         noise = torch.Generator().manual_seed(seed + number)
         clues, errors = _played(base, env, noise_std, noise)
         base.deviation.correction.copy_(ridge(clues, errors))
