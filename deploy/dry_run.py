@@ -14,6 +14,7 @@ from deploy.actor_run import ActorRun
 from deploy.preflight import Check
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
+from deploy.settings import PreflightSettings
 from deploy.timing import PhaseTimer
 from hal.backend import Backend
 from hal.clock import Clock
@@ -22,7 +23,6 @@ from robot.errors import InputError
 from robot.outputs import write_json
 
 RECORDS = Path(__file__).resolve().parents[1] / "runs" / "dry_runs"
-OVERRUN_SHARE = 0.05
 
 
 def dry_run(
@@ -31,18 +31,18 @@ def dry_run(
     runs: Sequence[ActorRun],
     guard: Guard,
     timer: PhaseTimer,
-    seconds: float,
+    settings: PreflightSettings,
     stopped: Callable[[], bool],
 ) -> list[Check]:
     """Tick for some seconds, with every actor computing its command from the states, and judge what was seen.
 
     The guard checks states and actions as in a run; its commands go nowhere. Ends early where stopped() says so.
     """
-    watch = _Watch({run.name: [] for run in runs})
+    watch = _Watch({run.name: [] for run in runs}, settings)
     for run in runs:
         run.start()
     start_s, period_s = clock.now_s(), backend.control_period_s
-    ticks = max(1, round(seconds / period_s))
+    ticks = max(1, round(settings.dry_run_s / period_s))
     for tick in range(ticks):
         if stopped():
             break
@@ -57,8 +57,8 @@ def dry_run(
 class _Watch:
     """What a dry run has seen so far. infer_s: times of each actor by name."""
 
-    def __init__(self, infer_s: dict[str, list[float]]) -> None:
-        self._infer_s = infer_s
+    def __init__(self, infer_s: dict[str, list[float]], settings: PreflightSettings) -> None:
+        self._infer_s, self._settings = infer_s, settings
         self._fault: Fault | None = None
 
     def tick(self, backend: Backend, runs: Sequence[ActorRun], guard: Guard, timer: PhaseTimer) -> None:
@@ -84,11 +84,11 @@ class _Watch:
         ages = timer.report()["state_age_ms"]
         oldest_ms = ages["max"] if isinstance(ages, dict) and ages["max"] is not None else math.inf
         found = f"{timer.ticks} read, the oldest {oldest_ms:.1f} ms old"
-        states = Check("dry run: states", timer.ticks > 0 and oldest_ms < 2e3 * period_s, found)
+        fresh = timer.ticks > 0 and oldest_ms < 1e3 * self._settings.age_periods * period_s
+        states = Check("dry run: states", fresh, found)
         rules = Check("dry run: safety rules", self._fault is None, str(self._fault or "none trips"))
-        overruns = Check(
-            "dry run: overruns", timer.overruns <= OVERRUN_SHARE * timer.ticks, f"{timer.overruns} of {timer.ticks}"
-        )
+        punctual = timer.overruns <= self._settings.dry_run_overruns * timer.ticks
+        overruns = Check("dry run: overruns", punctual, f"{timer.overruns} of {timer.ticks}")
         return [states, rules, overruns, *(self._actor(name, period_s) for name in self._infer_s)]
 
     def _actor(self, name: str, period_s: float) -> Check:

@@ -165,14 +165,13 @@ def _rehearse(options: RunOptions, setup: _Setup, performer: _Performer, signals
         if options.on_wall_clock:
             stack.enter_context(realtime(lambda line: print(line, flush=True)))
         stack.enter_context(no_garbage_collection())
-        seconds = setup.settings.preflight.dry_run_s
         checks = dry_run(
             setup.backend,
             setup.clock,
             setup.runs,
             performer.guard,
             performer.timer,
-            seconds,
+            setup.settings.preflight,
             lambda: signals.raised,
         )
     print(f"dry run, nothing was written to the joints\n{table(checks)}", flush=True)

@@ -145,6 +145,7 @@ class PreflightSettings(_Checked):
     settle_s: float
     samples: int
     dry_run_s: float
+    dry_run_overruns: float
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ def patient_settings():
     """The defaults, but a machine that pauses for a second trips nothing: what trips is tests/hal/conformance's."""
     settings = yaml.safe_load(config_file("deploy", "default").read_text())
     settings["safety"]["stale"] = {"limit_periods": 50.0, "trip_periods": 50.0}
-    settings["preflight"]["age_periods"] = 50.0
+    settings["preflight"] |= {"age_periods": 50.0, "dry_run_overruns": 1.0}
     settings["safety"]["inference_overrun"]["periods"] = 50.0
     return yaml.safe_dump(settings)
 
