@@ -200,7 +200,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     torch.set_num_threads(config.threads)
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     aim = replace(config.base_action, aim="reference")  # the motion that is aimed at takes no time in the loop
-    base = build_base_action(aim, setup.robot, reference, ACTION_SCALE)
+    base = build_base_action(aim, setup.robot, reference, ACTION_SCALE, older_lags=config.environment.older_lags)
 
     def build(seed: int) -> TrackingEnv:
         return build_environment(

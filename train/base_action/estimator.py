@@ -22,9 +22,9 @@ GYRO_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 VELOCITY_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 SLOPE_LAG = 2
 SLOPE_SHARE = 0.5
-DRIFT_SCALE = 3.0
-DRIFT_ACTION_SCALE = 0.5
-DRIFT_CLIP = 10.0
+DEVIATION_SCALE = 3.0
+LAST_ACTION_SCALE = 0.5
+DEVIATION_CLIP = 10.0
 
 
 @dataclass(frozen=True)
@@ -178,8 +178,8 @@ class Drift(nn.Module):
         for number, block in enumerate(blocks):
             rows = [wanted[(ticks - lag).clamp(min=0)] for lag in block]
             self.register_buffer(f"wanted_{number}", torch.stack(rows).mean(dim=0))
-        scale = torch.full((2 * joints + 3,), DRIFT_SCALE)
-        scale[:joints] = DRIFT_ACTION_SCALE
+        scale = torch.full((2 * joints + 3,), DEVIATION_SCALE)
+        scale[:joints] = LAST_ACTION_SCALE
         self.register_buffer("scale", scale)
 
     def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
@@ -192,7 +192,7 @@ class Drift(nn.Module):
         for number, block in enumerate(seen.split(self._counts, dim=1)):
             known = (block[:, -1, -3:].square().sum(dim=1, keepdim=True) > 0.25).to(block.dtype)
             deviation = block.mean(dim=1) - interpolate(getattr(self, f"wanted_{number}"), phase)
-            drifts.append((deviation * self.scale * known).clamp(-DRIFT_CLIP, DRIFT_CLIP))
+            drifts.append((deviation * self.scale * known).clamp(-DEVIATION_CLIP, DEVIATION_CLIP))
         return torch.cat(drifts, dim=1)
 
 

@@ -3,12 +3,8 @@
 import torch
 from torch import nn
 
-from train.base_action.estimator import Deviation
+from train.base_action.estimator import DEVIATION_CLIP, DEVIATION_SCALE, LAST_ACTION_SCALE, Deviation
 from train.phase_basis import phase_hats
-
-DEVIATION_SCALE = 3.0
-LAST_ACTION_SCALE = 0.5
-DEVIATION_CLIP = 10.0
 
 
 class NominalFeatures(nn.Module):
