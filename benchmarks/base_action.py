@@ -26,12 +26,11 @@ try:
         from robot.errors import InputError
         from robot.outputs import check_output_file, write_json
         from robot.robot import load_robot
-        from train.base_action.fitting import fit_estimate
-        from train.base_action.module import build_base_action
+        from train.base_action.build import base_action_of
         from train.config import TrainConfig, check, compose_document
         from train.environment.factory import build_environment
         from train.environment.settings import CurriculumSettings
-        from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S
+        from train.environment.tracking import CONTROL_PERIOD_S
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
@@ -51,18 +50,9 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
     def progress(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    lags, threads = config.environment.older_lags, config.threads
-    base = build_base_action(
-        config.base_action, robot, reference, ACTION_SCALE, older_lags=lags, threads=threads, progress=progress
-    )
+    base = base_action_of(replace(config, num_envs=FITTED_ON), robot, reference, progress=progress)
     if base is None:
         raise InputError("no base action", where="base_action.kind", got="none", expected="lqr or feedforward")
-    if config.base_action.estimate == "fitted":
-        world = (config.environment, robot, reference)
-        noise_std = config.learner.noise_std_range[0]
-        fit_estimate(
-            base, *world, num_envs=FITTED_ON, seed=config.seed, threads=threads, noise_std=noise_std, progress=progress
-        )
 
     def fixed(value: float) -> CurriculumSettings:
         return CurriculumSettings(start=value, easy=value, hard=value, factor=0.0)

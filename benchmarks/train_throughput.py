@@ -38,11 +38,11 @@ try:
         from robot.errors import InputError
         from robot.kinematics import Kinematics
         from robot.outputs import check_output_file, write_json
-        from train.base_action.module import build_base_action
+        from train.base_action.build import base_action_of
         from train.config import compose_document
         from train.environment.factory import build_environment
         from train.environment.observations import Observations
-        from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+        from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.learner.build import build_learner
         from train.learner.ppo import Ppo
         from train.nan_guard import NanGuard
@@ -199,8 +199,9 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     config = setup.config
     torch.set_num_threads(config.threads)
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    aim = replace(config.base_action, aim="reference")  # the motion that is aimed at takes no time in the loop
-    base = build_base_action(aim, setup.robot, reference, ACTION_SCALE, older_lags=config.environment.older_lags)
+    # What is aimed at, and how the estimate was fitted, takes no time in the loop.
+    aim = replace(config, base_action=replace(config.base_action, aim="reference"))
+    base = base_action_of(aim, setup.robot, reference, fit=False, progress=lambda line: None)
 
     def build(seed: int) -> TrackingEnv:
         return build_environment(

@@ -11,17 +11,16 @@ import torch
 
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
-from motion.reference import Reference, build_reference
+from motion.reference import build_reference
 from robot.errors import InputError
 from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
-from train.base_action.fitting import fit_estimate
-from train.base_action.module import BaseAction, build_base_action
+from train.base_action.build import base_action_of
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
-from train.environment.tracking import ACTION_SCALE, CONTROL_PERIOD_S
+from train.environment.tracking import CONTROL_PERIOD_S
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
@@ -88,7 +87,10 @@ def train(setup: Setup) -> None:
     _begin_folder(setup)
     report = RunReport(setup.run_dir, setup.document, machine_facts(config))
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
-    base = _base_action(setup, reference, progress)
+    base = base_action_of(
+        config, setup.robot, reference,
+        fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
+    )  # fmt: skip
     learner = build_learner(config, env, base)
     budget = Budget(config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every)
     evaluator = NoisyStartEvaluator(
@@ -127,34 +129,6 @@ def replay_dump(path: Path) -> str:
     if seen is None:
         return f"{recorded}; all {len(dump['actions'])} steps repeated, the environment stayed finite"
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
-
-
-def _base_action(setup: Setup, reference: Reference, progress: Progress) -> BaseAction | None:
-    """On resume the fitted estimate comes with the checkpoint's weights."""
-    config = setup.config
-    base = build_base_action(
-        config.base_action,
-        setup.robot,
-        reference,
-        ACTION_SCALE,
-        older_lags=config.environment.older_lags,
-        threads=config.threads,
-        stored=setup.run_dir / FEASIBLE_FILE,
-        progress=progress.say,
-    )
-    if base is not None and config.base_action.estimate == "fitted" and setup.state is None:
-        world = (config.environment, setup.robot, reference)
-        noise_std = config.learner.noise_std_range[0]
-        fit_estimate(
-            base,
-            *world,
-            num_envs=config.num_envs,
-            seed=config.seed,
-            threads=config.threads,
-            noise_std=noise_std,
-            progress=progress.say,
-        )
-    return base
 
 
 def _environment(setup: Setup) -> TrackingEnv:
