@@ -89,7 +89,7 @@ class Observations:
 
     def actor(self) -> torch.Tensor:
         """The actor's observation (B, 380), and the older ticks after it."""
-        return self.actor_history.flatten(1)[:, self._index]
+        return self.actor_history.flatten(1).gather(1, self._index.expand(len(self.actor_history), -1))
 
 
 def reference_view(physics: PhysicsState, bodies: Bodies, target_pos_w: torch.Tensor) -> torch.Tensor:
