@@ -214,4 +214,6 @@ def interpolate(table: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
     at = phase * (table.shape[0] - 1)
     low = torch.floor(at).clamp(max=table.shape[0] - 2)
     index = low.long()
-    return torch.lerp(table.index_select(0, index), table.index_select(0, index + 1), (at - low).unsqueeze(1))
+    row, following = table.index_select(0, index), table.index_select(0, index + 1)
+    # Not lerp: it rounds otherwise in the exported graph.
+    return row + (following - row) * (at - low).unsqueeze(1)
