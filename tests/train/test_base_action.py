@@ -153,15 +153,15 @@ def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
         observation[0, columns.measured[lag]] = row * base.deviation.scale
     observation[0, columns.action] = base.deviation.reference[tick, columns.measured.shape[1] :]
     observation[0, columns.phase] = tick / 50
-    seen = base.features(observation)[0]
+    seen = base.look(observation)[1][0]
     assert len(seen) == base.features.size == 6 + 75
     assert seen[:6].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.5, 0.5, 0.0], abs=1e-5)
     assert seen[6:].numpy() == pytest.approx(np.zeros(75), abs=1e-4)
     observation[0, columns.action[0]] += 1.0
-    moved = base.features(observation)[0]
+    moved = base.look(observation)[1][0]
     assert (moved - seen)[-23:].tolist() == pytest.approx([0.5] + [0.0] * 22, abs=1e-6)
     mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base, features=base.features)
+    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380
     graph = to_onnx(deployed(actor), "obs")
     assert verify(deployed(actor), graph, "obs") <= 1e-5
@@ -196,12 +196,12 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
     }
     recent = base.features.size - base.deviation.drift.size
     assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 23 + 3)
-    assert base.features(observed(group, rows))[0, recent:] == pytest.approx(0.0, abs=1e-5)
+    assert base.look(observed(group, rows))[1][0, recent:] == pytest.approx(0.0, abs=1e-5)
 
     added = np.random.default_rng(0).normal(size=(len(ticks), 23)) * 0.1
     rows["dof_pos"] = rows["dof_pos"] + added
     rows["actions"] = rows["actions"] - added
-    drift = base.features(observed(group, rows))[0, recent:].reshape(len(BLOCKS), 49).numpy()
+    drift = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 49).numpy()
     for block, seen in zip(BLOCKS, drift, strict=True):
         mean = added[list(block)].mean(axis=0)
         assert seen[:23] == pytest.approx(-0.5 * mean, abs=1e-5)
@@ -211,7 +211,7 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
     # The history begins 14 ticks ago: the block that reaches back to 16 tells nothing, the other the same as before.
     for term in ("actions", "dof_pos", "projected_gravity"):
         rows[term][14:] = 0.0
-    begun = base.features(observed(group, rows))[0, recent:].reshape(len(BLOCKS), 49).numpy()
+    begun = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 49).numpy()
     assert begun[0] == pytest.approx(drift[0], abs=1e-6) and not begun[1].any()
 
 
@@ -220,8 +220,10 @@ def test_the_network_does_not_see_the_earlier_ticks_themselves():
     base = build_base_action(BaseActionSettings(kind="feedforward", features=True), robot,
                              swaying_reference(robot, 0.5), 0.25, older_lags=BLOCKS)  # fmt: skip
     mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base, features=base.features)
+    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380 + 5 * 49
     observation = torch.randn(2, actor.observation_size)
-    assert torch.equal(actor.inputs(observation)[:, :380], observation[:, :380])
-    assert actor.inputs(observation).shape[1] == 380 + base.features.size
+    inputs, action = actor.look(observation)
+    assert torch.equal(inputs[:, :380], observation[:, :380])
+    assert inputs.shape[1] == 380 + base.features.size
+    assert torch.equal(action, base(observation))

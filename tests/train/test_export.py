@@ -15,18 +15,20 @@ from train.learner.networks import Actor, Mlp, Normalizer
 class TableBase(torch.nn.Module):
     """A table over one input, interpolated, and a clipped feedback: what a model-based base consists of."""
 
+    features = None
+
     def __init__(self, size, actions, generator):
         super().__init__()
         self.register_buffer("table", torch.randn(9, actions, generator=generator))
         self.register_buffer("gain", torch.randn(size, actions, generator=generator))
 
-    def forward(self, obs):
+    def look(self, obs):
         at = obs[:, -1].clamp(0.0, 1.0) * 8
         low = torch.floor(at).clamp(max=7)
         weight = (at - low)[:, None]
         index = low.long()
         reference = self.table[index] * (1 - weight) + self.table[index + 1] * weight
-        return reference + (obs.double() @ self.gain.double()).float().clamp(-0.5, 0.5)
+        return reference + (obs.double() @ self.gain.double()).float().clamp(-0.5, 0.5), None
 
 
 def make_actor(precision="fp32", base=True, normalize=True):

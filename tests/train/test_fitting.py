@@ -62,7 +62,7 @@ def test_it_knows_the_state_better_than_the_averages_do(fitted):
         gravity = -torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=1)
         truth = torch.cat([gravity, state.root_ang_vel_b, state.joint_vel_rad_s], dim=1)
         averages, _, _ = base.deviation.parts(observations, phase)
-        estimate = base.deviation(observations, phase)[:, : averages.shape[1]]
+        estimate = base.deviation(observations, phase)[0][:, : averages.shape[1]]
         wanted = torch.tensor([0.0, 0.0, -1.0] + [0.0] * 26)  # the stand does not move
         columns = [*range(6), *range(29, 52)]
         squares.append(torch.stack([(known[:, columns] + wanted - truth).square() for known in (averages, estimate)]))
@@ -85,6 +85,6 @@ def test_it_is_exported_with_the_actor(fitted):
     _, _, _, base, _ = fitted
     assert base.deviation.correction.abs().max() > 0.01
     mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = deployed(Actor(mlp, 23, (0.2, 0.01, 1.0), base, features=base.features))
+    actor = deployed(Actor(mlp, 23, (0.2, 0.01, 1.0), base))
     assert verify(actor, to_onnx(actor, "obs"), "obs") <= 1e-5
     assert any("correction" in name for name in actor.state_dict())

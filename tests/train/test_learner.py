@@ -1,6 +1,7 @@
 """PPO against hand-computed numbers, torch.distributions and a task it must solve."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -159,13 +160,23 @@ def test_normalizer_changes_only_after_learning():
     collect(learner, env)
 
 
+class LinearBase(torch.nn.Linear):
+    """Its features are ten times the last two columns, the last of which is for them alone."""
+
+    features = SimpleNamespace(size=2, unseen=1)
+
+    def look(self, observation):
+        return self(observation), 10.0 * observation[:, -2:]
+
+
 def test_mean_is_base_plus_network():
-    base = torch.nn.Linear(7, 2)
-    base.requires_grad_(False)
-    mlp = Mlp(7, (8,), 2, activation="elu", generator=generator())
+    base = LinearBase(8, 2).requires_grad_(False)
+    mlp = Mlp(9, (8,), 2, activation="elu", generator=generator())
     actor = Actor(mlp, 2, (0.5, 0.1, 1.0), base, Normalizer(7))
-    obs = torch.randn(5, 7, generator=generator())
-    torch.testing.assert_close(actor(obs), base(obs) + mlp(obs / math.sqrt(1.0 + 1e-4)))
+    assert actor.observation_size == 8
+    obs = torch.randn(5, 8, generator=generator())
+    inputs = torch.cat([obs[:, :7] / math.sqrt(1.0 + 1e-4), 10.0 * obs[:, 6:]], dim=1)
+    torch.testing.assert_close(actor(obs), base(obs) + mlp(inputs))
 
 
 def test_same_seed_same_weights_other_seed_other_weights():

@@ -119,6 +119,22 @@ def test_body_rotation_ignores_the_sign_of_quaternions():
     assert value(rewards.body_rotation, flipped) == pytest.approx(expected, rel=1e-4)
 
 
+def test_heading_is_the_turn_of_the_first_body_about_the_vertical():
+    """From 170° to -175° is 15°; leaning forward turns nothing."""
+    wanted, actual, lean = math.radians(170) / 2, math.radians(-175) / 2, math.radians(40) / 2
+    t = on_reference()
+    quats, reference = t.bodies.quat_wxyz.clone(), t.reference.body_quat_wxyz.clone()
+    reference[0, 0] = torch.tensor([math.cos(wanted), 0.0, 0.0, math.sin(wanted)])
+    # Rotation by the heading after the lean about y: q_z · q_y.
+    c, s = math.cos(actual), math.sin(actual)
+    quats[0, 0] = torch.tensor([c * math.cos(lean), -s * math.sin(lean), c * math.sin(lean), s * math.cos(lean)])
+    quats[0, 1] = torch.tensor([0.0, 0.0, 0.0, 1.0])
+    turned = replace(
+        t, bodies=t.bodies._replace(quat_wxyz=quats), reference=replace(t.reference, body_quat_wxyz=reference)
+    )
+    assert value(rewards.heading, turned) == pytest.approx(math.radians(15) ** 2, rel=1e-4)
+
+
 def test_body_velocities():
     t = on_reference()
     fast = torch.zeros(1, POINTS, 3)

@@ -92,40 +92,47 @@ class Deviation(nn.Module):
     reference: torch.Tensor
     velocity_weights: torch.Tensor
     gyro_weights: torch.Tensor
+    ages: torch.Tensor
     turned_since: torch.Tensor
 
     def __init__(self, columns: ObservedColumns, reference: torch.Tensor, drift: "Drift | None" = None) -> None:
         super().__init__()
         lags, width = columns.measured.shape
         self.drift, self._joints = drift, len(columns.action)
-        self._tick_phase, self._dt_s = 1.0 / (len(reference) - 1), 0.02
-        self._width = width
+        self._width, self._dt_s = width, 0.02
         self.register_buffer("measured", torch.tensor(columns.measured))
         self.register_buffer("actions", torch.tensor(columns.actions))
-        clues = lags * (width + self._joints) + (0 if drift is None else drift.size)
+        self.drift_size = 0 if drift is None else drift.size
+        clues = lags * (width + self._joints) + self.drift_size
         self.register_buffer("correction", torch.zeros(clues, width))
         for name, numbers in {
             "scale": columns.scale,
             "reference": reference,
             "gyro_weights": GYRO_WEIGHTS,
             "velocity_weights": VELOCITY_WEIGHTS,
+            "ages": np.arange(lags) / (len(reference) - 1),
             # Row i sums the newest i rotations: what turned between lag i and now.
             "turned_since": np.tril(np.ones((lags, lags)), -1) * self._dt_s,
         }.items():
             self.register_buffer(name, torch.as_tensor(np.asarray(numbers)).float())
 
-    def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
-        """See the class. Lags from before the start read zero gravity and count for nothing."""
+    def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The deviations, see the class, and the drift (B, n) that they made use of, n = 0 without one.
+
+        Lags from before the start read zero gravity and count for nothing.
+        """
         averages, clues, action = self.parts(observation, phase)
-        return torch.cat([averages + clues @ self.correction, action], dim=1)
+        drift = clues[:, clues.shape[1] - self.drift_size :]
+        return torch.cat([averages + clues @ self.correction, action], dim=1), drift
 
     def parts(self, observation: torch.Tensor, phase: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Averages (B, 3+3+J+J), the clues (B, C) that may correct them, and the last action's deviation (B, J)."""
         lags = self.measured.shape[0]
-        measured = observation[:, self.measured.flatten()].reshape(-1, lags, self._width) / self.scale
-        sent = observation[:, self.actions.flatten()].reshape(-1, lags, self._joints)
-        rows = [interpolate(self.reference, (phase - lag * self._tick_phase).clamp(min=0.0)) for lag in range(lags)]
-        expected, expected_sent = torch.stack(rows, dim=1).split([self._width, self._joints], dim=2)
+        measured = observation.index_select(1, self.measured.flatten()).reshape(-1, lags, self._width) / self.scale
+        sent = observation.index_select(1, self.actions.flatten()).reshape(-1, lags, self._joints)
+        past = (phase[:, None] - self.ages).clamp(min=0.0)
+        rows = interpolate(self.reference, past.flatten()).reshape(-1, lags, self._width + self._joints)
+        expected, expected_sent = rows.split([self._width, self._joints], dim=2)
         known = (measured[..., :3].square().sum(dim=-1, keepdim=True) > 0.25).to(measured.dtype)
         off, sent_off = (measured - expected) * known, (sent - expected_sent) * known
         clues = [off.flatten(1), sent_off.flatten(1)]
@@ -207,5 +214,6 @@ def interpolate(table: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
     at = phase * (table.shape[0] - 1)
     low = torch.floor(at).clamp(max=table.shape[0] - 2)
     index = low.long()
-    weight = (at - low).unsqueeze(1)
-    return table[index] * (1.0 - weight) + table[index + 1] * weight
+    row, following = table.index_select(0, index), table.index_select(0, index + 1)
+    # Not lerp: it rounds otherwise in the exported graph.
+    return row + (following - row) * (at - low).unsqueeze(1)

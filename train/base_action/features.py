@@ -8,27 +8,23 @@ from train.phase_basis import phase_hats
 
 
 class NominalFeatures(nn.Module):
-    """Observations (B, 380+) → (B, knots + 3+3+J+J + J): phase hats, scaled deviations of state and last action.
+    """(B, knots + 3+3+J+J + J + drift): phase hats, scaled deviations of state and last action, drift.
 
-    Where the deviation looks at the drift of earlier ticks, that as well.
+    ``size`` is its width, ``unseen`` that of the observation's last columns, which only the drift looks at.
     """
 
     scale: torch.Tensor
 
-    def __init__(self, deviation: Deviation, phase_column: int, stretch: float, knots: int) -> None:
+    def __init__(self, deviation: Deviation, knots: int) -> None:
         super().__init__()
-        self.deviation, drift = deviation, deviation.drift
-        self._phase_column, self._stretch, self._knots = phase_column, stretch, knots
+        self._knots = knots
         joints = deviation.actions.shape[1]
         scale = torch.cat([deviation.scale * DEVIATION_SCALE, torch.full((joints,), LAST_ACTION_SCALE)])
         self.register_buffer("scale", scale)
-        self.size = knots + len(scale) + (0 if drift is None else drift.size)
-        self.unseen = 0 if drift is None else drift.width
+        self.size = knots + len(scale) + deviation.drift_size
+        self.unseen = 0 if deviation.drift is None else deviation.drift.width
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """See the class."""
-        phase = (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
-        deviation = self.deviation(observation, phase) * self.scale
-        seen = [phase_hats(phase, self._knots), deviation.clamp(-DEVIATION_CLIP, DEVIATION_CLIP)]
-        drift = self.deviation.drift
-        return torch.cat(seen if drift is None else [*seen, drift(observation, phase)], dim=1)
+    def forward(self, phase: torch.Tensor, deviation: torch.Tensor, drift: torch.Tensor) -> torch.Tensor:
+        """Of phases (B,) and what :class:`train.base_action.estimator.Deviation` found there."""
+        deviation = (deviation * self.scale).clamp(-DEVIATION_CLIP, DEVIATION_CLIP)
+        return torch.cat([phase_hats(phase, self._knots), deviation, drift], dim=1)

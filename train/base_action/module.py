@@ -81,12 +81,20 @@ class BaseAction(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """See the class."""
+        return self.look(observation)[0]
+
+    def look(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """The action, and the features (B, F) that the network sees of what it was computed from."""
         phase = self.phase(observation)
+        deviation, drift = self.deviation(observation, phase)
+        features = None if self.features is None else self.features(phase, deviation, drift)
+        return interpolate(self.targets, phase) - self._feedback(phase, deviation), features
+
+    def _feedback(self, phase: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
         gain = interpolate(self.gains, phase).reshape(-1, self._joints, self._width)
         # In double: far off the reference the products are large and cancel.
-        deviation = self.deviation(observation, phase).double().unsqueeze(-1)
-        feedback = torch.matmul(gain.double(), deviation).squeeze(-1).float()
-        return interpolate(self.targets, phase) - feedback.clamp(-self._clip, self._clip)
+        feedback = torch.matmul(gain.double(), deviation.double().unsqueeze(-1)).squeeze(-1).float()
+        return feedback.clamp(-self._clip, self._clip)
 
 
 def build_base_action(
@@ -128,7 +136,7 @@ def build_base_action(
     stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
     features = None
     if s.features:
-        features = NominalFeatures(deviation, layout.phase, stretch, num_knots(reference.duration_s))
+        features = NominalFeatures(deviation, num_knots(reference.duration_s))
     return BaseAction(
         deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
     )

@@ -24,6 +24,7 @@ from train.simulation.simulator import PhysicsState
 LIN_VEL_SCALE = 2.0
 DOMAIN_SCALE = 10.0
 DELAY_SCALE = 25.0
+TORQUE_OFFSET_SCALE = 20.0
 
 
 class Observations:
@@ -89,7 +90,7 @@ class Observations:
 
     def actor(self) -> torch.Tensor:
         """The actor's observation (B, 380), and the older ticks after it."""
-        return self.actor_history.flatten(1)[:, self._index]
+        return self.actor_history.flatten(1).gather(1, self._index.expand(len(self.actor_history), -1))
 
 
 def reference_view(physics: PhysicsState, bodies: Bodies, target_pos_w: torch.Tensor) -> torch.Tensor:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import torch
 
+from robot.rotations import yaw_of
 from train.environment.tick import Tick
 
 CONTACT_FORCE_MAX_N = 400.0
@@ -49,6 +50,12 @@ def body_position_relative(t: Tick) -> torch.Tensor:
     """Mean square error of all points' positions relative to the pelvis, world axes, m² (what Empbpe measures)."""
     actual = t.bodies.pos_w - t.bodies.pos_w[:, :1]
     return _mean_square(actual - (t.reference.body_pos_w - t.reference.body_pos_w[:, :1]))
+
+
+def heading(t: Tick) -> torch.Tensor:
+    """Squared difference of the pelvis' headings, rad². No actor sees its heading; it can only learn not to drift."""
+    off = yaw_of(t.bodies.quat_wxyz[:, 0]) - yaw_of(t.reference.body_quat_wxyz[:, 0])
+    return torch.atan2(torch.sin(off), torch.cos(off)).square()
 
 
 def hands_head(t: Tick) -> torch.Tensor:
@@ -186,6 +193,7 @@ TRACKING: dict[str, Term] = _named(
     body_rotation,
     body_velocity,
     body_angular_velocity,
+    heading,
     hands_head,
     feet,
     max_joint,

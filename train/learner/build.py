@@ -40,7 +40,7 @@ def build_learner(config: TrainConfig, env: TrackingEnv, base: BaseAction | None
     sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, env.critic_obs_dim, env.num_actions, heads)
     input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
     return Ppo(
-        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(seen), features),
+        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(seen)),
         Critic(critic_mlp, normalizer(env.critic_obs_dim)),
         Storage(sizes, input_dtype, torch.device("cpu")),
         settings,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import cast
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -98,6 +98,26 @@ class Normalizer(nn.Module):
         self.count += fresh
 
 
+class Features(Protocol):
+    """``size`` further inputs of the network; the last ``unseen`` columns of the observation are for them alone."""
+
+    size: int
+    unseen: int
+
+
+class Base(Protocol):
+    """An action without trained parameters, and further inputs of the network that it has at hand."""
+
+    @property
+    def features(self) -> Features | None:
+        """What is known of the further inputs, if there are any."""
+        ...
+
+    def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Action (B, J) and features (B, size) of observations (B, Da)."""
+        ...
+
+
 class Actor(nn.Module):
     """Gaussian policy: mean = base(obs) + mlp(normalised obs), one standard deviation per action.
 
@@ -105,10 +125,8 @@ class Actor(nn.Module):
         mlp: network from the (normalised) observation to the actions.
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
-        base: optional module obs (..., Da) → action (..., J) without trained parameters.
+        base: optional module, see :class:`Base`.
         normalizer: optional normaliser of the observation that the network sees (not of the base's).
-        features: optional module obs (B, Da) → (B, F = ``size``) of further inputs of the network; nothing is trained.
-            The last ``unseen`` columns of obs are for it alone.
     """
 
     def __init__(
@@ -116,40 +134,32 @@ class Actor(nn.Module):
         mlp: Mlp,
         num_actions: int,
         noise_std: tuple[float, float, float],
-        base: nn.Module | None = None,
+        base: Base | None = None,
         normalizer: Normalizer | None = None,
-        features: nn.Module | None = None,
     ) -> None:
         super().__init__()
-        self.mlp, self.base, self.normalizer, self.features = mlp, base, normalizer, features
+        self.mlp, self.base, self.normalizer = mlp, base, normalizer
+        features = None if base is None else base.features
+        self._seen = mlp.input_size - (0 if features is None else features.size)
+        self.observation_size = self._seen + (0 if features is None else features.unseen)
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
         self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start)))
 
-    @property
-    def observation_size(self) -> int:
-        """Da: the network's inputs without the features, and what only they look at."""
-        return self._seen if self.features is None else self._seen + cast(int, self.features.unseen)
-
-    @property
-    def _seen(self) -> int:
-        """Leading columns of the observation that the network sees itself."""
-        return self.mlp.input_size - (0 if self.features is None else cast(int, self.features.size))
-
-    def inputs(self, obs: Tensor) -> Tensor:
-        """What the network sees of obs (..., Da)."""
+    def look(self, obs: Tensor) -> tuple[Tensor, Tensor | None]:
+        """What the network sees of obs (B, Da), and the base's action (B, J)."""
         seen = obs[..., : self._seen]
         seen = seen if self.normalizer is None else self.normalizer(seen)
-        return seen if self.features is None else torch.cat([seen, self.features(obs)], dim=-1)
-
-    def base_action(self, obs: Tensor) -> Tensor | None:
-        """The base's action (..., J), or None without a base."""
-        return None if self.base is None else self.base(obs)
+        if self.base is None:
+            return seen, None
+        action, features = self.base.look(obs)
+        return seen if features is None else torch.cat([seen, features], dim=-1), action
 
     def forward(self, obs: Tensor) -> Tensor:
-        """Mean action (..., J) of obs (..., Da)."""
-        residual = self.mlp(self.inputs(obs))
-        return residual if self.base is None else self.base(obs) + residual
+        """Mean action (B, J) of obs (B, Da)."""
+        inputs, base = self.look(obs)
+        residual = self.mlp(inputs)
+        return residual if base is None else base + residual
 
     @torch.no_grad()
     def limit_noise(self) -> None:

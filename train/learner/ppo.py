@@ -98,8 +98,7 @@ class Ppo:
     def act(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Sample total actions (B, J) and remember the step."""
         s, obs = self.storage, observations["actor"]
-        inputs = self.actor.inputs(obs)
-        base = self.actor.base_action(obs)
+        inputs, base = self.actor.look(obs)
         mean = residual = self.actor.mlp(inputs)
         if base is not None:
             mean = base + residual
