@@ -40,15 +40,6 @@ def test_the_critic_may_see_the_phase_by_knots():
     assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
 
 
-def test_the_critic_may_see_the_torques_that_disturb_the_joints():
-    """What MuJoCo is given, 1 for a twentieth of the joint's limit."""
-    env = small_env(critic_torque_offset=True, randomization={"torque_offset": 0.05})
-    seen = env.step(hold(env)).observations["critic"][:, 630:]
-    given_nm = env.simulator._control[:, 0, -23:].numpy()
-    assert seen.shape[1] == 23 and np.abs(given_nm).min() > 0.0
-    assert seen.numpy() == pytest.approx(20.0 * given_nm / g1().torque_limit_nm, rel=1e-5)
-
-
 def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
     env = small_env(start=FIRST_FRAME)
     for _ in range(49):

@@ -24,7 +24,6 @@ from train.simulation.simulator import PhysicsState
 LIN_VEL_SCALE = 2.0
 DOMAIN_SCALE = 10.0
 DELAY_SCALE = 25.0
-TORQUE_OFFSET_SCALE = 20.0
 
 
 class Observations:

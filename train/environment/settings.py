@@ -108,7 +108,6 @@ class EnvironmentSettings:
     """The environment section of the training configuration.
 
     ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too.
-    ``critic_torque_offset``: whether the critic sees the constant torques that disturb the joints.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     """
 
@@ -121,7 +120,6 @@ class EnvironmentSettings:
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
     critic_phase_knots: bool = False
-    critic_torque_offset: bool = False
     older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
     start: StartSettings = field(default_factory=StartSettings)

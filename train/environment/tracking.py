@@ -11,7 +11,7 @@ from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_rotate
 from train.environment.adaptive_sigma import AdaptiveSigma
 from train.environment.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage, SurvivalChance
-from train.environment.observations import TORQUE_OFFSET_SCALE, Observations, domain_view, reference_view
+from train.environment.observations import Observations, domain_view, reference_view
 from train.environment.pushes import Pushes
 from train.environment.rewards import DIRECT, TRACKING
 from train.environment.settings import EnvironmentSettings
@@ -225,7 +225,6 @@ class TrackingEnv:
         return {"actor": self.observations.actor(), "critic": self._critic(torch.arange(self.num_envs))}
 
     def _critic(self, rows: torch.Tensor) -> torch.Tensor:
-        offset = TORQUE_OFFSET_SCALE * self.simulator.torque_offset[rows]
         physics = PhysicsState(*(value[rows] for value in vars(self._physics).values()))
         bodies = Bodies(*(value[rows] for value in self._bodies))
         return torch.cat(
@@ -233,7 +232,6 @@ class TrackingEnv:
                 self.observations.critic_history[rows].flatten(1),
                 reference_view(physics, bodies, self._target.body_pos_w[rows]),
                 domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
-                offset if self.settings.critic_torque_offset else offset[:, :0],
                 phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self._knots),
             ],
             dim=1,

@@ -113,11 +113,6 @@ class MujocoCpuSimulator:
         """(B,) control delay of the present episodes, seconds."""
         return self._lag.sum(dim=1) * self._substep_s  # a lag of n control steps lasts n·substeps in all
 
-    @property
-    def torque_offset(self) -> torch.Tensor:
-        """(B, J) constant torque that disturbs each joint in the present episodes, as a share of its limit."""
-        return self._torque_offset / self._torque_limit * self.randomization
-
     def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """See :class:`train.simulation.simulator.Simulator`."""
         self._state[env_ids] = torch.cat([torch.zeros(len(env_ids), 1), qpos, qvel], dim=1).double()

@@ -46,11 +46,6 @@ class Simulator(Protocol):
         """(B,) control delay of the present episodes, seconds."""
         ...
 
-    @property
-    def torque_offset(self) -> torch.Tensor:
-        """(B, J) constant torque that disturbs each joint in the present episodes, as a share of its limit."""
-        ...
-
     def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """Place environments ``env_ids`` (n,) at qpos (n, 7+J), qvel (n, 6+J) and clear their queues."""
         ...
