@@ -215,5 +215,5 @@ def interpolate(table: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
     low = torch.floor(at).clamp(max=table.shape[0] - 2)
     index = low.long()
     row, following = table.index_select(0, index), table.index_select(0, index + 1)
-    # Not lerp: it rounds otherwise in the exported graph.
+    # Not torch.lerp, which rounds differently in the exported graph.
     return row + (following - row) * (at - low).unsqueeze(1)
