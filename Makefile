@@ -21,13 +21,13 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 	@$(BIN)/python -P -m sim2sim.table demo/taichi.json
 	@echo "video: demo/taichi.mp4"
 
-# What keeps time has the machine for itself.
+# What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 test: install lint  ## linters, types, import rules, tests
 	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(SIMULATED)
-	$(RUN) pytest $(REAL_TIME)
+	$(RUN) pytest -rR $(REAL_TIME)
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
-	$(RUN) pytest tests/hal/conformance --all-wires
+	$(RUN) pytest -rR tests/hal/conformance --all-wires
 
 lint: install  ## ruff, mypy, import-linter
 	$(BIN)/ruff check .

@@ -1,6 +1,14 @@
-"""Options of the tests."""
+"""Options of the tests, and further tries for one that keeps time and failed while the machine's host paused."""
+
+import time
+from pathlib import Path
 
 import pytest
+
+from hal.host_watch import HostWatch
+
+KEEP_TIME = tuple(Path(__file__).parent / room for room in ("hal", "deploy"))
+TRIES = 5
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -9,3 +17,33 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="every trial on every wire, with strict bounds: 15 minutes on a quiet machine",
     )
+
+
+class TryAgain:
+    """Whether the test that has just failed is worth another try: the host paused since it was set up."""
+
+    def __init__(self, host: HostWatch) -> None:
+        self._host = host
+        self._begun_s = time.monotonic()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self) -> None:
+        self._begun_s = time.monotonic()
+
+    def __call__(self, error: BaseException | None) -> bool:
+        paused = error is not None and self._host.longest_s(self._begun_s) > 0.0
+        if paused:
+            self._host.wait_for_quiet()
+        return paused
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    keeping_time = [item for item in items if any(item.path.is_relative_to(room) for room in KEEP_TIME)]
+    if not keeping_time or config.option.collectonly:
+        return
+    host = HostWatch()
+    config.add_cleanup(host.close)
+    try_again = TryAgain(host)
+    config.pluginmanager.register(try_again)
+    for item in keeping_time:
+        item.add_marker(pytest.mark.flaky(reruns=TRIES - 1, condition=try_again))
