@@ -93,7 +93,7 @@ def judged(file: Path, name: str, folder: Path) -> Row:
 def all_rows(inputs: list[Path], folder: Path) -> list[Row]:
     """Verdicts on whole and broken clips."""
     robot, rows = load_robot(), []
-    sources = {name: (Path(name), way) for name, way in BUNDLED.items()} | {f.stem: (f, over_speed) for f in inputs}
+    sources = {f.stem: (f, over_speed) for f in inputs} | {name: (Path(name), way) for name, way in BUNDLED.items()}
     for name, (file, way) in sources.items():
         given = folder / f"given_{name}.npz"
         if file.suffix:
