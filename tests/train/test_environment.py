@@ -16,7 +16,7 @@ from train.environment.curriculum import Curriculum, EpisodeAverage, SurvivalCha
 from train.environment.settings import CurriculumSettings, StartSettings
 from train.environment.starts import BIN_TICKS, StartSampler
 from train.environment.tick import ReferenceTable
-from train.nan_guard import NonFiniteError
+from train.nan_guard import NonFiniteError, check_step
 from train.simulation.domain import DomainRanges
 
 FIRST_FRAME = {"first_frame": 1.0}
@@ -240,10 +240,26 @@ def test_nominal_ranges_change_nothing():
 
 
 @pytest.mark.parametrize("velocity", [float("nan"), float("inf"), 1e12])
-def test_physics_that_diverges_is_named_and_not_hidden_by_a_reset(velocity):
-    env = small_env()
+def test_one_robot_whose_physics_diverges_has_failed_and_the_others_go_on(velocity):
+    env, undisturbed = small_env(), small_env()
+    zeros = torch.zeros(env.num_envs, env.num_actions)
     env.simulator.push(torch.tensor([2]), torch.tensor([[velocity, 0.0]]))
-    with pytest.raises(NonFiniteError, match=r"physics .*: NaN or infinity in environment 2$"):
+    result, usual = env.step(zeros), undisturbed.step(zeros)
+    assert result.terminated.tolist() == [i == 2 for i in range(env.num_envs)]
+    assert result.log["diverged"] == pytest.approx(1 / env.num_envs) and usual.log["diverged"] == 0.0
+    others = [i for i in range(env.num_envs) if i != 2]
+    assert torch.equal(result.rewards[others], usual.rewards[others])
+    assert result.rewards[2, env.reward_names.index("termination")] < 0.0
+    for _ in range(3):
+        result = env.step(zeros)
+        check_step(result)
+        assert not result.terminated.any() and result.log["diverged"] == 0.0
+
+
+def test_physics_that_diverges_for_many_is_named_and_not_hidden_by_a_reset():
+    env = small_env()
+    env.simulator.push(torch.tensor([0, 2]), torch.full((2, 2), float("nan")))
+    with pytest.raises(NonFiniteError, match=r"physics .*: NaN or infinity in environment 0, 2$"):
         env.step(torch.zeros(env.num_envs, env.num_actions))
 
 

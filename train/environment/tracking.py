@@ -11,6 +11,7 @@ from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_rotate
 from train.environment.adaptive_sigma import AdaptiveSigma
 from train.environment.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage, SurvivalChance
+from train.environment.divergence import without_diverged
 from train.environment.observations import Observations, domain_view, reference_view
 from train.environment.pushes import Pushes
 from train.environment.rewards import DIRECT, TRACKING
@@ -19,7 +20,6 @@ from train.environment.starts import StartSampler
 from train.environment.tick import Bodies, ReferenceRows, ReferenceTable, RobotLimits, Tick
 from train.environment.tracking_log import TrackingLog, tracking_errors
 from train.interface import StepResult
-from train.nan_guard import require_finite
 from train.phase_basis import num_knots, phase_hats
 from train.simulation.simulator import PhysicsState, Simulator
 
@@ -88,7 +88,7 @@ class TrackingEnv:
         self._in_curriculum = torch.tensor([s.rewards[name].curriculum for name in self.reward_names])
         self.clip = torch.arange(envs) % len(self._table.num_ticks)
         self.tick, self.start_tick, self.episode_steps = (torch.zeros(envs, dtype=torch.long) for _ in range(3))
-        self.uniform_start = torch.zeros(envs, dtype=torch.bool)
+        self.uniform_start, self.diverged = (torch.zeros(envs, dtype=torch.bool) for _ in range(2))
         self.last_action = torch.zeros(envs, self.num_actions)
         self.air_time_s = torch.zeros(envs, 2)
 
@@ -98,7 +98,7 @@ class TrackingEnv:
         return self._observe()
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """Advance by one control period with raw actions (B, J). NonFiniteError if physics diverges."""
+        """Advance by one control period with raw actions (B, J). NonFiniteError if the physics of many diverges."""
         self.pushes.apply(self.simulator, self.simulator.randomization)
         targets = self.limits.default_pos_rad + ACTION_SCALE * action.clamp(-ACTION_CLIP, ACTION_CLIP)
         self.simulator.step(targets)
@@ -117,9 +117,7 @@ class TrackingEnv:
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
     def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
-        physics = self.simulator.state()
-        for name, values in vars(physics).items():
-            require_finite(f"physics {name}", values)
+        physics, self.diverged = without_diverged(self.simulator.state(), self._physics)
         bodies = self._forward(physics)
         reference = self._target
         torque = self.limits.kp * (targets - physics.joint_pos_rad) - self.limits.kd * physics.joint_vel_rad_s
@@ -135,7 +133,7 @@ class TrackingEnv:
             contact=contact,
             first_contact=contact & (self.air_time_s > 0.0),
             air_time_s=air_time_s,
-            terminated=self._failed(physics, bodies, reference),
+            terminated=self._failed(physics, bodies, reference) | self.diverged,
             limits=self.limits,
         )
 

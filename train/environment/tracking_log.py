@@ -42,6 +42,7 @@ class TrackingLog:
         """Return the figures of this step, over all environments."""
         return {
             **{name: float(values.mean()) for name, values in env.last_errors.items()},
+            "diverged": float(env.diverged.float().mean()),
             "episode_length_ratio": self.episode_length_ratio,
             "survival_of_uniform_starts": env.uniform_average.survival,
             "survival_chance": env.survival_chance.over(float(env.num_ticks.float().mean())),
