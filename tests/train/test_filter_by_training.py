@@ -34,7 +34,7 @@ def clip():
 def test_floating_and_over_speed(benchmark, clip):
     up = benchmark.floating(clip)
     np.testing.assert_allclose(up.root_pos_w - clip.root_pos_w, np.tile([0.0, 0.0, 0.5], (clip.num_frames, 1)))
-    assert benchmark.over_speed(clip).duration_s == pytest.approx(clip.duration_s / 3.0)
+    assert benchmark.over_speed(clip).duration_s == pytest.approx(clip.duration_s / 4.0)
 
 
 def test_tilted_keeps_the_first_ground_point_and_leans_everything_by_25_degrees(benchmark, clip):
