@@ -24,10 +24,10 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 # What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 test: install lint  ## linters, types, import rules, tests
 	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(SIMULATED)
-	$(RUN) pytest -rR $(REAL_TIME)
+	$(RUN) pytest -rRs $(REAL_TIME)
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
-	$(RUN) pytest -rR tests/hal/conformance --all-wires
+	$(RUN) pytest -rRs tests/hal/conformance --all-wires
 
 lint: install  ## ruff, mypy, import-linter
 	$(BIN)/ruff check .

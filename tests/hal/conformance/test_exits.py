@@ -18,7 +18,7 @@ from tests.hal.rigs import PERIOD_S
 ROOT = Path(__file__).resolve().parents[3]
 # 3 control periods and one cycle of the wire.
 DEADLINE_S = 4 * PERIOD_S
-ATTEMPTS = 3
+ATTEMPTS = 2
 
 
 class LoopOnWire:
