@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -41,20 +42,40 @@ def test_quiet_is_waited_for(host):
     assert time.monotonic() - begun_s > 0.5
 
 
+class Host:
+    def __init__(self, paused_s):
+        self.paused_s, self.waited = paused_s, False
+
+    def longest_s(self, since_s):
+        return self.paused_s if since_s > 0.0 else 1.0
+
+    def wait_for_quiet(self):
+        self.waited = True
+
+
 @pytest.mark.parametrize(
     ("paused_s", "error", "again"),
     [(0.05, AssertionError(), True), (0.0, AssertionError(), False), (0.05, None, False)],
 )
 def test_only_a_failure_beside_a_pause_is_tried_again(paused_s, error, again):
-    class Host:
-        waited = False
-
-        def longest_s(self, since_s):
-            return paused_s if since_s > 0.0 else 1.0
-
-        def wait_for_quiet(self):
-            self.waited = True
-
-    host = Host()
+    host = Host(paused_s)
     assert TryAgain(host)(error) is again
     assert host.waited is again
+
+
+def outcome(try_again, outcome, tries):
+    item = SimpleNamespace(execution_count=tries, path="a.py", location=("a.py", 1, "test"))
+    report = SimpleNamespace(outcome=outcome, failed=outcome == "failed", longrepr=None)
+    reporting = try_again.pytest_runtest_makereport(item)
+    next(reporting)
+    with pytest.raises(StopIteration) as end:
+        reporting.send(report)
+    return end.value.value.outcome
+
+
+def test_three_last_tries_beside_a_pause_have_no_verdict_and_everything_else_has_one():
+    assert outcome(TryAgain(Host(0.0)), "failed", tries=5) == "failed"
+    try_again = TryAgain(Host(0.05))
+    assert outcome(try_again, "failed", tries=4) == "failed"
+    assert outcome(try_again, "passed", tries=5) == "passed"
+    assert [outcome(try_again, "failed", tries=5) for _ in range(4)] == ["skipped"] * 3 + ["failed"]
