@@ -8,6 +8,7 @@ again, and writes down whenever it woke up late.
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -72,6 +73,7 @@ def watch(processor: int) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whom it watches for, who then closes it
     for processor in os.sched_getaffinity(0):
         threading.Thread(target=watch, args=(processor,), daemon=True).start()
     sys.stdin.read()
