@@ -11,7 +11,8 @@ from hal.host_watch import HostWatch
 
 KEEP_TIME = tuple(Path(__file__).parent / room for room in ("hal", "deploy"))
 TRIES = 5
-# Tests that may end without a verdict, the host having paused in each of their tries; more of them are failures.
+# Tests that may end without a verdict, the host having paused in each of their tries; more of them are failures,
+# and all of them with --all-wires.
 WITHOUT_VERDICT = 3
 
 
@@ -26,10 +27,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 class TryAgain:
     """Whether the test that has just failed is worth another try: the host paused since it was set up."""
 
-    def __init__(self, host: HostWatch) -> None:
+    def __init__(self, host: HostWatch, without_verdict: int = WITHOUT_VERDICT) -> None:
         self._host = host
         self._begun_s = time.monotonic()
-        self._without_verdict = 0
+        self._without_verdict = without_verdict
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self) -> None:
@@ -47,8 +48,8 @@ class TryAgain:
         report = yield
         paused_s = self._host.longest_s(self._begun_s)
         last = getattr(item, "execution_count", 1) == TRIES
-        if report.failed and last and paused_s and self._without_verdict < WITHOUT_VERDICT:
-            self._without_verdict += 1
+        if report.failed and last and paused_s and self._without_verdict:
+            self._without_verdict -= 1
             why = f"no verdict: the host paused in each of {TRIES} tries, by {1e3 * paused_s:.0f} ms in the last"
             report.outcome, report.longrepr = "skipped", (str(item.path), item.location[1] or 0, why)
         return report
@@ -60,7 +61,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return
     host = HostWatch()
     config.add_cleanup(host.close)
-    try_again = TryAgain(host)
+    try_again = TryAgain(host, 0 if config.getoption("--all-wires") else WITHOUT_VERDICT)
     config.pluginmanager.register(try_again)
     for item in keeping_time:
         item.add_marker(pytest.mark.flaky(reruns=TRIES - 1, condition=try_again))

@@ -75,6 +75,7 @@ def outcome(try_again, outcome, tries):
 
 def test_three_last_tries_beside_a_pause_have_no_verdict_and_everything_else_has_one():
     assert outcome(TryAgain(Host(0.0)), "failed", tries=5) == "failed"
+    assert outcome(TryAgain(Host(0.05), without_verdict=0), "failed", tries=5) == "failed"
     try_again = TryAgain(Host(0.05))
     assert outcome(try_again, "failed", tries=4) == "failed"
     assert outcome(try_again, "passed", tries=5) == "passed"
