@@ -1,8 +1,8 @@
 #!/usr/bin/env -S python3 -P
 """Does the filter know what can be learnt? Its verdicts beside the outcome of short trainings (PBHC Fig. 6).
 
-Of bundled clips and of recordings (--input), as they are and broken on purpose: floating, tilted, teleporting, played
-four times too fast. Each is processed and trained for --minutes by the default, a rejected one as it was given. The
+Of bundled clips and of recordings (--input), as they are and broken on purpose: floating, tilted, teleporting, four
+times too fast there and back. Each is processed and trained for --minutes by the default, a rejected one as given. The
 outcome is the mean episode length in the clip's length as the training reports it at its end. Ends with 1
 where a rejected clip is learnt better than a trackable one. What is trained already in --folder is not trained again.
 """
@@ -19,7 +19,7 @@ from pathlib import Path
 try:
     import numpy as np
 
-    from motion.clip import Clip, save_clip
+    from motion.clip import ARRAY_FIELDS, Clip, save_clip
     from motion.library import open_motion
     from motion.pipeline import Request, process
     from motion.report.record import TRACKABLE
@@ -57,8 +57,12 @@ def teleporting(clip: Clip) -> Clip:
 
 
 def over_speed(clip: Clip) -> Clip:
-    """Four times as fast."""
-    return replace(clip, fps=4.0 * clip.fps)
+    """Four times as fast, there, back, there and back: as long as it was, for in a short clip half is soon survived."""
+    there = np.arange(clip.num_frames)
+    back = there[-2::-1]
+    frames = np.concatenate([there, back, there[1:], back])
+    played = {name: getattr(clip, name)[frames] for name in ARRAY_FIELDS}
+    return replace(clip, fps=4.0 * clip.fps, **played)
 
 
 BUNDLED: dict[str, Callable[[Clip], Clip]] = {

@@ -34,7 +34,11 @@ def clip():
 def test_floating_and_over_speed(benchmark, clip):
     up = benchmark.floating(clip)
     np.testing.assert_allclose(up.root_pos_w - clip.root_pos_w, np.tile([0.0, 0.0, 0.5], (clip.num_frames, 1)))
-    assert benchmark.over_speed(clip).duration_s == pytest.approx(clip.duration_s / 4.0)
+    fast, last = benchmark.over_speed(clip), clip.num_frames - 1
+    assert fast.duration_s == pytest.approx(clip.duration_s) and fast.fps == 4.0 * clip.fps
+    for frame, original in {7: 7, last: last, last + 7: last - 7, 2 * last + 7: 7, 4 * last: 0}.items():
+        np.testing.assert_array_equal(fast.joint_pos_rad[frame], clip.joint_pos_rad[original])
+        np.testing.assert_array_equal(fast.root_pos_w[frame], clip.root_pos_w[original])
 
 
 def test_tilted_keeps_the_first_ground_point_and_leans_everything_by_25_degrees(benchmark, clip):
