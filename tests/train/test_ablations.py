@@ -1,0 +1,82 @@
+"""benchmarks/ablations.py without its trainings: what the variants are, what is run once, what a cell says."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from train.config import check, compose_document
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "ablations.py"
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    spec = importlib.util.spec_from_file_location("ablations", BENCHMARK)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def configured(benchmark):
+    return lambda name: check(compose_document(["motion=stand", *benchmark.PBHC_TERMS, *benchmark.VARIANTS[name]]))
+
+
+def test_each_variant_changes_what_its_name_says_and_nothing_else(configured):
+    whole = configured("adaptive")
+    assert whole.environment.adaptive_sigma and whole.value == "vector"
+    assert "contact_mask" in whole.environment.rewards
+    assert not {"heading", "body_position_relative"} & whole.environment.rewards.keys()
+    # PBHC Table 10, the rows of feet and joint position.
+    table = {"coarse": (0.01, 0.3), "medium": (0.003, 0.1), "upperbound": (0.003, 0.08), "lowerbound": (0.0002, 0.02)}
+    for name, sigmas in table.items():
+        fixed = configured(name).environment
+        assert not fixed.adaptive_sigma
+        assert (fixed.rewards["feet"].sigma, fixed.rewards["joint_position"].sigma) == sigmas
+        assert {n: t.weight for n, t in fixed.rewards.items()} == {
+            n: t.weight for n, t in whole.environment.rewards.items()
+        }
+    unmasked = configured("no_contact_mask").environment
+    assert unmasked.rewards.keys() == whole.environment.rewards.keys() - {"contact_mask"}
+    scalar = configured("scalar_value")
+    assert scalar.value == "scalar" and scalar.environment == whole.environment
+
+
+def test_the_search_is_made_once_and_what_is_trained_is_kept(benchmark, tmp_path, monkeypatch):
+    commands = []
+
+    def pretend(command, **_):
+        run = Path(next(word for word in command if word.startswith("run_dir=")).removeprefix("run_dir="))
+        run.mkdir(exist_ok=True)
+        commands.append((run.name, command, (run / "feasible_motion.npz").is_file()))
+        (run / "feasible_motion.npz").write_bytes(b"found")
+        (run / "summary.json").write_text("{}")
+
+    monkeypatch.setattr(benchmark.subprocess, "run", pretend)
+    actors = benchmark.train_all(["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
+    assert actors == {
+        (name, seed): tmp_path / f"{name}_{seed}" / "actor.onnx" for name in ("adaptive", "coarse") for seed in (1, 2)
+    }
+    assert commands[0][0] == "searched" and "iterations=1" in commands[0][1]
+    assert sorted(name for name, _, _ in commands[1:]) == ["adaptive_1", "adaptive_2", "coarse_1", "coarse_2"]
+    assert all(there and "iterations=7" in command for _, command, there in commands[1:])
+    benchmark.train_all(["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
+    assert len(commands) == 5
+
+
+def test_a_cell_holds_a_figure_a_seed(benchmark):
+    metrics = {"empbpe_mm": {"mean": 21.26, "std": 1.0}, "empjpe_mrad": {"mean": 250.4, "std": 1.0}}
+    runs = [{"episodes": 100, "survival_rate": rate, "metrics": metrics} for rate in (0.71, 1.0)]
+    assert benchmark.cell(runs, "falls") == "29 / 0"
+    assert benchmark.cell(runs, "empbpe_mm") == "21.3 / 21.3"
+    assert benchmark.cell(runs, "empjpe_mrad") == "250 / 250"
+
+
+def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(tmp_path):
+    command = [sys.executable, "-P", BENCHMARK, "--motion", "no_such", "--folder", tmp_path / "out"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert result.returncode == 1 and f"{tmp_path}/out/*.log" in result.stderr
+    assert "no_such" in (tmp_path / "out" / "searched.log").read_text()
