@@ -3,7 +3,7 @@
 
 The default with PBHC's own reward terms alone, each variant with every seed, one core each; then all actors in the same
 simulations: --episodes nominal ones with noisy starts, and as many with everything randomised. A cell holds one figure
-a seed. What is trained already in --folder is not trained again.
+a seed. What is trained already is not trained again: --folder has a folder for each motion and number of iterations.
 """
 
 import argparse
@@ -92,19 +92,21 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--folder", type=Path, default=Path("runs/ablations"))
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    folder = options.folder.resolve() / f"{Path(options.motion).stem}_{options.iterations}"
     try:
-        actors = train_all(
-            options.variants, options.seeds, options.motion, options.iterations, options.folder.resolve()
-        )
+        folder.mkdir(parents=True, exist_ok=True)
+        actors = train_all(options.variants, options.seeds, options.motion, options.iterations, folder)
         conditions = {"nominal": ["--start-noise", "0.02"], "randomised": ["--randomize"]}
         found = {
-            name: scores(list(actors.values()), [*words, "--episodes", str(options.episodes)], options.folder / name)
+            name: scores(list(actors.values()), [*words, "--episodes", str(options.episodes)], folder / name)
             for name, words in conditions.items()
         }
     except subprocess.CalledProcessError as error:
-        print(f"error: {error}: see {options.folder}/*.log", file=sys.stderr)
+        print(f"error: {error}: see {folder}/*.log", file=sys.stderr)
         return 1
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     for name, runs in found.items():
         print(f"\n{name}, {options.episodes} episodes a seed\n| variant | {' | '.join(COLUMNS)} |")
         for variant in options.variants:

@@ -76,7 +76,17 @@ def test_a_cell_holds_a_figure_a_seed(benchmark):
 
 
 def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(tmp_path):
-    command = [sys.executable, "-P", BENCHMARK, "--motion", "no_such", "--folder", tmp_path / "out"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    assert result.returncode == 1 and f"{tmp_path}/out/*.log" in result.stderr
-    assert "no_such" in (tmp_path / "out" / "searched.log").read_text()
+    result = _run("--motion", "no_such", "--iterations", "7", "--folder", tmp_path / "out")
+    assert result.returncode == 1 and f"{tmp_path}/out/no_such_7/*.log" in result.stderr
+    assert "no_such" in (tmp_path / "out" / "no_such_7" / "searched.log").read_text()
+
+
+def test_a_folder_that_cannot_be_is_exit_2_and_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    result = _run("--folder", tmp_path / "file")
+    assert result.returncode == 2 and f"{tmp_path}/file" in result.stderr and result.stderr.count("\n") == 1
+
+
+def _run(*options):
+    command = [sys.executable, "-P", BENCHMARK, *options]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
