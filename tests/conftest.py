@@ -44,9 +44,11 @@ class TryAgain:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, Any, pytest.TestReport]:
-        """The last try: skipped, and said to be, where the host paused once more."""
+        """How long the host paused; after the last try, skipped where it paused once more."""
         report = yield
         paused_s = self._host.longest_s(self._begun_s)
+        if report.failed:
+            report.sections.append(("host", f"longest pause during the test: {1e3 * paused_s:.0f} ms"))
         last = getattr(item, "execution_count", 1) == TRIES
         if report.failed and last and paused_s and self._without_verdict:
             self._without_verdict -= 1

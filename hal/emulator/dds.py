@@ -144,7 +144,8 @@ class DdsDevice(DeviceSide):
         refused = self._refusal(message)
         self._counts[refused or "obeyed"] += 1
         if refused is None and message is not None:
-            self._obey(message["motor_cmd"][:SLOTS], now_s)
+            with self._robot.lock:
+                self._obey(message["motor_cmd"][:SLOTS], now_s)
 
     def _refusal(self, message: np.ndarray | None) -> str | None:
         if message is None:
@@ -183,8 +184,9 @@ class DdsDevice(DeviceSide):
         for body, seen in self._line.arrived(now_s):
             self._publisher.write(LowState_(body))
             self._counts["lowstate sent"] += 1
-            for joint, (pos_rad, vel_rad_s) in enumerate(seen.T.tolist()):
-                self._robot.report(joint, pos_rad, vel_rad_s)
+            with self._robot.lock:
+                for joint, (pos_rad, vel_rad_s) in enumerate(seen.T.tolist()):
+                    self._robot.report(joint, pos_rad, vel_rad_s)
         if self._faults.active("second_controller", WIRE):
             self._command_as_another()
 

@@ -14,7 +14,7 @@ from hal.emulator.dynamixel_servo import ROOM_C, EmulatedServo
 from hal.emulator.faults import DelayLine, FaultKind, Faults
 from hal.emulator.imu import IMU_FAULTS, KEY, ImuLine
 from hal.emulator.pty import Terminal
-from hal.emulator.robot import EmulatedRobot
+from hal.emulator.robot import EmulatedRobot, Joints
 from hal.imu.options import BITS_PER_BYTE
 
 LOOK_S = 0.01
@@ -22,7 +22,6 @@ BOOT_S = 0.3
 RETURN_DELAY_UNIT_S = 2e-6
 OVERLOAD = 1 << 5
 WRONG_ID_STEP = 100
-State = tuple[list[float], list[float], list[float]]
 
 
 class PortLine:
@@ -94,9 +93,10 @@ class PortLine:
         data = terminal.read(max(0.0, min(LOOK_S, self._line.due_s - now_s)))
         if data:
             arrived_s = time.monotonic()
-            for packet in self._parser.feed(data):
-                self._hear(packet, arrived_s + len(data) * BITS_PER_BYTE / self._options.baud)
-            self._obey()
+            with self._robot.lock:
+                for packet in self._parser.feed(data):
+                    self._hear(packet, arrived_s + len(data) * BITS_PER_BYTE / self._options.baud)
+                self._obey()
         else:
             self._watch(time.monotonic())
         for answer in self._line.arrived(time.monotonic()):
@@ -133,8 +133,8 @@ class PortLine:
             del self._booting[servo.id]
 
     def _power_up(self, servo: EmulatedServo) -> None:
-        pos_rad = self._robot.measure().joint_pos_rad[self._joint[servo.id]]
-        servo.power_up(round(servo.true_counts(float(pos_rad))))
+        pos_rad = self._robot.joints().pos_rad[self._joint[servo.id]]
+        servo.power_up(round(servo.true_counts(pos_rad)))
 
     def _obey(self) -> None:
         for servo_id, servo in self.servos.items():
@@ -168,7 +168,7 @@ class PortLine:
     def _sync_read(self, address: int, size: int, ids: bytes, end_s: float, *, fast: bool) -> None:
         answers: list[Answer] = []
         delay_s = 0.0
-        state = self._state()
+        state = self._robot.joints()
         for servo_id in ids:
             servo = self.servos.get(servo_id)
             if servo is None or not self._hears(servo):
@@ -205,7 +205,7 @@ class PortLine:
             case p2.PING, _:
                 return 0, bytes(servo.table[0:2]) + bytes(servo.table[6:7])
             case p2.READ, params if len(params) == 4:
-                self._measure(servo, self._state())
+                self._measure(servo, self._robot.joints())
                 return servo.read(int.from_bytes(params[:2], "little"), int.from_bytes(params[2:], "little"))
             case p2.WRITE, params if len(params) > 2:
                 return servo.write(int.from_bytes(params[:2], "little"), params[2:]), b""
@@ -216,12 +216,7 @@ class PortLine:
                 return 0, b""
         return p2.BAD_INSTRUCTION, b""
 
-    def _state(self) -> State:
-        measured = self._robot.measure()
-        pos_rad, vel_rad_s = measured.joint_pos_rad.tolist(), measured.joint_vel_rad_s.tolist()
-        return pos_rad, vel_rad_s, measured.joint_torque_nm.tolist()
-
-    def _measure(self, servo: EmulatedServo, state: State) -> None:
+    def _measure(self, servo: EmulatedServo, state: Joints) -> None:
         """Put a servo's part of the robot's state into its table."""
         joint = self._joint[servo.id]
         shift_rad = self._faults.value("power_cycled_zero", servo.joint) or 0.0

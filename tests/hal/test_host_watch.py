@@ -65,7 +65,7 @@ def test_only_a_failure_beside_a_pause_is_tried_again(paused_s, error, again):
 
 def outcome(try_again, outcome, tries):
     item = SimpleNamespace(execution_count=tries, path="a.py", location=("a.py", 1, "test"))
-    report = SimpleNamespace(outcome=outcome, failed=outcome == "failed", longrepr=None)
+    report = SimpleNamespace(outcome=outcome, failed=outcome == "failed", longrepr=None, sections=[])
     reporting = try_again.pytest_runtest_makereport(item)
     next(reporting)
     with pytest.raises(StopIteration) as end:

@@ -12,6 +12,7 @@ from tests.hal.conformance.rigs import Emulators, emulators
 
 PRIORITY = 10
 SHARED_GRACE_S = 1.0
+SLOWED = 2.5
 
 
 # What is shown of a wire without --all-wires: that every exit ends in damping, and whose joint is whose.
@@ -63,6 +64,6 @@ def punctual() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def running(punctual: None) -> Iterator[Emulators]:
-    with emulators() as started:
+def running(punctual: None, request: pytest.FixtureRequest) -> Iterator[Emulators]:
+    with emulators(1.0 if request.config.getoption("--all-wires") else SLOWED) as started:
         yield started

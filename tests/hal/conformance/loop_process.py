@@ -1,4 +1,5 @@
-"""A loop in a process of its own, on a wire: arguments are backend, endpoints as JSON, and how it ends.
+"""A loop in a process of its own, on a wire: arguments are backend, its configuration, the control period in seconds,
+endpoints as JSON, and how it ends.
 
 Until standard input says otherwise, it acknowledges what a busy machine does to its pace.
 """
@@ -11,7 +12,7 @@ import time
 from hal.clock import MonotonicClock
 from hal.open import open_backend
 from hal.types import DeviceError
-from tests.hal.rigs import G1, PERIOD_S, hold
+from tests.hal.rigs import G1, hold
 
 DRIVES_S = 0.3
 
@@ -21,10 +22,11 @@ def said_enough() -> bool:
 
 
 if __name__ == "__main__":
-    name, endpoints, end = sys.argv[1:]
+    name, config, period, addresses, end = sys.argv[1:]
+    period_s, endpoints = float(period), json.loads(addresses)
     clock = MonotonicClock()
     serious_s = None
-    with open_backend(name, G1, clock, endpoints=json.loads(endpoints)) as backend:
+    with open_backend(name, G1, clock, control_period_s=period_s, config=config, endpoints=endpoints) as backend:
         print("open", flush=True)
         while True:
             try:
@@ -36,7 +38,7 @@ if __name__ == "__main__":
             if faults and serious_s is None:
                 backend.acknowledge()
             backend.write(hold(G1))
-            clock.sleep_until(clock.now_s() + PERIOD_S)
+            clock.sleep_until(clock.now_s() + period_s)
             if end != "never" and serious_s is not None and clock.now_s() - serious_s > DRIVES_S:
                 print(time.monotonic(), flush=True)
                 if end == "raise":

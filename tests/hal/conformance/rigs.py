@@ -1,6 +1,7 @@
 """Every backend, made ready for the same tests: where it comes from, and how exact its time is."""
 
 import dataclasses
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,10 +13,11 @@ import pytest
 from hal.backend import Backend
 from hal.clock import MonotonicClock
 from hal.emulator.launch import Emulator, launch_emulator
-from hal.open import WIRES, wire_factory
+from hal.open import WIRES, wire_config, wire_factory
 from hal.types import DeviceError, RobotState
 from hal.wire.emulated import EmulatedWireBackend
 from robot.robot import Robot
+from tests.hal.conformance.pace import slowed
 from tests.hal.rigs import G1, mock, mujoco_backend
 from tests.hal.wire.fake import fake_backend
 from tests.robot.toy import load_toy
@@ -56,12 +58,18 @@ class Rig:
 
 
 class Emulators:
-    """One emulator of each kind at a time, hung up anew for each test."""
+    """One emulator of each kind at a time, hung up anew for each test. factor: by which their wires are slowed."""
 
-    def __init__(self) -> None:
-        self._running: dict[tuple[str, Path | None], Emulator] = {}
+    def __init__(self, factor: float = 1.0) -> None:
+        self._running: dict[tuple[str, Path], Emulator] = {}
+        self.factor, self._folder = factor, tempfile.TemporaryDirectory()
 
-    def get(self, kind: str, config: Path | None = None) -> Emulator:
+    def config(self, wire: str, config: Path | None = None) -> Path:
+        """The file for both ends of a wire; None: like the one that it ships with."""
+        shipped = wire_config(wire, config)
+        return shipped if self.factor == 1.0 else slowed(wire, shipped, self.factor, Path(self._folder.name))
+
+    def get(self, kind: str, config: Path) -> Emulator:
         """A running one, as after switching on; one that does not answer is replaced."""
         if kind == "dds":
             pytest.importorskip("cyclonedds")
@@ -84,8 +92,8 @@ class Emulators:
 
 
 @contextmanager
-def emulators() -> Iterator[Emulators]:
-    running = Emulators()
+def emulators(factor: float) -> Iterator[Emulators]:
+    running = Emulators(factor)
     try:
         yield running
     finally:
@@ -99,6 +107,7 @@ def rig_names() -> list[str]:
 
 def make_wire(wire: str, running: Emulators, robot: Robot = G1, config: Path | None = None) -> Rig:
     """config: for both ends, instead of what the wire ships with."""
+    config = running.config(wire, config)
     emulator = running.get(wire, config)
     factory = wire_factory(wire, config, emulator.endpoints)
     times = {"control_period_s": PATIENT_PERIOD_S, "link_timeout_s": 10 * PATIENT_PERIOD_S}

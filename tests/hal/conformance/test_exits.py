@@ -16,8 +16,6 @@ from tests.hal.conformance.rigs import Emulators, wait_until
 from tests.hal.rigs import PERIOD_S
 
 ROOT = Path(__file__).resolve().parents[3]
-# 3 control periods and one cycle of the wire.
-DEADLINE_S = 4 * PERIOD_S
 ATTEMPTS = 2
 
 
@@ -25,9 +23,12 @@ class LoopOnWire:
     """The loop's process and the emulator at the other end of its wire."""
 
     def __init__(self, wire: str, running: Emulators) -> None:
-        self.emulator = running.get(wire)
+        config = running.config(wire)
+        self.emulator = running.get(wire, config)
         self.wire_process_lives = True
-        self._call = [sys.executable, "-m", "tests.hal.conformance.loop_process", wire]
+        period_s = PERIOD_S * running.factor
+        self.deadline_s = 4.0 * period_s  # 3 control periods and one cycle of the wire
+        self._call = [sys.executable, "-m", "tests.hal.conformance.loop_process", wire, str(config), str(period_s)]
 
     def start(self, end: str = "never") -> subprocess.Popen[str]:
         """A loop that drives every motor. Opening asks each of them in turn, so a busy machine may need another try."""
@@ -93,7 +94,7 @@ def test_kill_of_the_loop(loop: LoopOnWire, grace_s: float) -> None:
     process = loop.start()
     process.kill()
     killed_s = time.monotonic()
-    assert loop.damped_after_s(killed_s) < DEADLINE_S + grace_s
+    assert loop.damped_after_s(killed_s) < loop.deadline_s + grace_s
     wait_until(lambda: loop.modes() == {"slack"})
 
 
@@ -101,7 +102,7 @@ def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire, grace_s: flo
     process = loop.start()
     process.send_signal(signal.SIGSTOP)
     frozen_s = time.monotonic()
-    assert loop.damped_after_s(frozen_s) < DEADLINE_S + grace_s
+    assert loop.damped_after_s(frozen_s) < loop.deadline_s + grace_s
     process.send_signal(signal.SIGCONT)
     time.sleep(0.3)
     assert loop.modes() == {"damped"}
@@ -112,7 +113,7 @@ def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end:
     process = loop.start(end)
     assert process.stdout is not None
     ended_s = float(process.stdout.readline())
-    assert loop.damped_after_s(ended_s) < DEADLINE_S + grace_s
+    assert loop.damped_after_s(ended_s) < loop.deadline_s + grace_s
     assert process.wait(10) == (1 if end == "raise" else 0)
     assert loop.modes() == {"slack"}
 

@@ -114,8 +114,9 @@ def actor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def backend(wire: str, running: Emulators) -> Iterator[EmulatedWireBackend]:
-    emulator = running.get(wire)
-    factory = wire_factory(wire, None, emulator.endpoints)
+    config = running.config(wire)
+    emulator = running.get(wire, config)
+    factory = wire_factory(wire, config, emulator.endpoints)
     times: dict[str, Any] = {"control_period_s": PERIOD_S, "link_timeout_s": LINK_TIMEOUT_S}
     made = EmulatedWireBackend(wire, G1, MonotonicClock(), factory, emulator, **times)
     yield made

@@ -15,7 +15,7 @@ from hal.emulator.dynamixel import DynamixelDevice
 from hal.emulator.dynamixel_servo import EmulatedServo
 from hal.emulator.faults import COMMON_KINDS, Faults
 from hal.emulator.imu import IMU_FAULTS
-from hal.emulator.robot import EmulatedRobot
+from hal.emulator.robot import EmulatedRobot, Joints
 from hal.plant import Measurement
 from hal.types import JointCommand
 from hal.wire.boards import Snapshot, StateBoard
@@ -39,6 +39,7 @@ class StillRobot:
     def __init__(self) -> None:
         self.robot, self.joint_names = ROBOT, ROBOT.joint_names
         self.checks = CommandChecks(ROBOT.joint_names, ROBOT.torque_limit_nm)
+        self.lock = threading.RLock()
         self.told: dict[str, tuple[float, ...]] = {}
 
     def command(self, joint: int, *values: float) -> None:
@@ -56,6 +57,10 @@ class StillRobot:
         zero = np.zeros(ROBOT.num_joints)
         upright, up = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 9.81])
         return Measurement(time.monotonic(), ROBOT.default_pos_rad, zero, zero, upright, np.zeros(3), up)
+
+    def joints(self) -> Joints:
+        zero = [0.0] * ROBOT.num_joints
+        return Joints(ROBOT.default_pos_rad.tolist(), zero, zero)
 
 
 class Bench:
