@@ -32,12 +32,16 @@ class StepResult:
 
 
 class TrackingEnv(Protocol):
-    """B environments that run in step. Tensors live on one device."""
+    """B environments that run in step. Tensors live on one device.
+
+    The last ``phase_knots`` columns of the critic's observation weigh knots of the phase (0: there are none).
+    """
 
     num_envs: int
     num_actions: int
     actor_obs_dim: int
     critic_obs_dim: int
+    phase_knots: int
     reward_names: tuple[str, ...]
 
     def reset(self) -> Mapping[str, torch.Tensor]:

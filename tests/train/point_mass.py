@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from train.interface import StepResult
+from train.phase_basis import phase_hats
 
 DT = 0.05
 EPISODE = 40
@@ -14,7 +15,7 @@ EPISODE = 40
 class PointMassEnv:
     """B masses in the plane; the action is an acceleration. ``poison``: (step count, environment) that becomes NaN."""
 
-    num_actions, actor_obs_dim, critic_obs_dim = 2, 7, 9
+    num_actions, actor_obs_dim, critic_obs_dim, phase_knots = 2, 7, 12, 3
     reward_names = ("position", "effort")
 
     def __init__(self, num_envs=16, seed=0, poison=None):
@@ -34,7 +35,7 @@ class PointMassEnv:
         self.pos[rows], self.vel[rows] = start, torch.tensor([0.0, 3.0])
 
     def _critic(self):
-        return torch.cat([self._actor(), self.pos], dim=1)
+        return torch.cat([self._actor(), self.pos, phase_hats(self.tick / EPISODE, self.phase_knots)], dim=1)
 
     def _actor(self):
         phase = 2.0 * math.pi * (self.tick / EPISODE)[:, None]

@@ -12,7 +12,7 @@ from tests.train.point_mass_run import make_learner, make_runner
 from train.interface import StepResult
 from train.learner import ppo
 from train.learner.gae import advantages_per_head
-from train.learner.networks import Actor, Mlp, Normalizer
+from train.learner.networks import Actor, Mlp
 from train.learner.settings import LearnerSettings
 
 
@@ -74,7 +74,7 @@ def test_rate_stays_within_its_range():
 
 
 def step_result(rewards, terminated, timed_out, final):
-    observations = {"actor": torch.zeros(3, 7), "critic": torch.zeros(3, 9)}
+    observations = {"actor": torch.zeros(3, 7), "critic": torch.zeros(3, 12)}
     return StepResult(observations, rewards, torch.tensor(terminated), torch.tensor(timed_out), final, {})
 
 
@@ -83,7 +83,7 @@ def test_time_out_adds_the_discounted_value_of_the_last_state(value):
     env = PointMassEnv(3)
     learner = make_learner(env, "num_envs=3", f"value={value}")
     learner.act(env.reset())
-    final = torch.randn(2, 9, generator=generator())
+    final = torch.randn(2, 12, generator=generator())
     rewards = torch.tensor([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
     learner.record(step_result(rewards, [False, True, False], [True, False, True], final))
     bootstrap = 0.99 * learner.critic(final).detach()
@@ -140,24 +140,32 @@ def test_noise_stays_within_its_bounds():
     assert float(std.min()) > 0.4499 and float(std.max()) < 0.5501
 
 
-def test_normalizer_pools_mean_and_variance():
-    parts = [torch.randn(n, 3, generator=generator(n)) * 3.0 + 5.0 for n in (100, 7, 1000)]
-    normalizer = Normalizer(3)
-    for part in parts:
-        normalizer.update(part)
-    everything = torch.cat(parts)
-    torch.testing.assert_close(normalizer.mean, everything.mean(dim=0), rtol=1e-4, atol=1e-4)
-    torch.testing.assert_close(normalizer.variance, everything.var(dim=0, unbiased=False), rtol=1e-3, atol=1e-3)
-
-
-def test_normalizer_changes_only_after_learning():
+def test_critic_is_normalized_by_what_it_saw_only_after_learning():
     env = PointMassEnv()
-    learner = make_learner(env, "learner.normalize_inputs=true")
+    learner = make_learner(env)
     observations = collect(learner, env)
-    assert torch.equal(learner.actor.normalizer.mean, torch.zeros(7))
+    assert torch.equal(learner.critic.normalizer.mean, torch.zeros(9))
     assert learner.update(observations)["kl_first"] == 0.0
-    assert not torch.equal(learner.actor.normalizer.mean, torch.zeros(7))
-    collect(learner, env)
+    first = learner.critic.normalizer.mean.clone()
+    assert not torch.equal(first, torch.zeros(9))
+    learner.update(collect(learner, env))
+    assert not torch.equal(learner.critic.normalizer.mean, first)
+
+
+def test_actor_and_critic_learn_from_returns_of_their_own_lambda():
+    env = PointMassEnv()
+    learner = make_learner(env, "learner.gamma=0.9", "learner.lam=0.0", "learner.critic_lam=1.0", "learner.epochs=1")
+    observations = collect(learner, env)
+    s, last = learner.storage, learner.critic(observations["critic"]).detach()
+    learner.update(observations)
+    values = torch.cat([s.values, last[None]])
+    one_step = s.rewards + 0.9 * values[1:] * ~s.done[..., None] - s.values
+    total = one_step.sum(dim=-1)
+    torch.testing.assert_close(s.advantages, (total - total.mean()) / total.std(), rtol=1e-4, atol=1e-4)
+    returns = values[-1]
+    for t in reversed(range(len(s.rewards))):
+        returns = s.rewards[t] + 0.9 * returns * ~s.done[t][..., None]
+        torch.testing.assert_close(s.returns[t], returns, rtol=1e-4, atol=1e-4)
 
 
 class LinearBase(torch.nn.Linear):
@@ -172,10 +180,10 @@ class LinearBase(torch.nn.Linear):
 def test_mean_is_base_plus_network():
     base = LinearBase(8, 2).requires_grad_(False)
     mlp = Mlp(9, (8,), 2, activation="elu", generator=generator())
-    actor = Actor(mlp, 2, (0.5, 0.1, 1.0), base, Normalizer(7))
+    actor = Actor(mlp, 2, (0.5, 0.1, 1.0), base)
     assert actor.observation_size == 8
     obs = torch.randn(5, 8, generator=generator())
-    inputs = torch.cat([obs[:, :7] / math.sqrt(1.0 + 1e-4), 10.0 * obs[:, 6:]], dim=1)
+    inputs = torch.cat([obs[:, :7], 10.0 * obs[:, 6:]], dim=1)
     torch.testing.assert_close(actor(obs), base(obs) + mlp(inputs))
 
 

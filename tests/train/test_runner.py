@@ -65,9 +65,9 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path):
 
 def test_resumed_state_is_bit_exact(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    make_runner(whole, 9, "learner.normalize_inputs=true").run()
-    make_runner(parts, 4, "learner.normalize_inputs=true").run()
-    make_runner(parts, 9, "learner.normalize_inputs=true", resume=True, env=PointMassEnv(seed=77)).run()
+    make_runner(whole, 9).run()
+    make_runner(parts, 4).run()
+    make_runner(parts, 9, resume=True, env=PointMassEnv(seed=77)).run()
     assert same(Checkpoints(whole).load_newest(), Checkpoints(parts).load_newest())
     assert rows(whole) == rows(parts)
 

@@ -107,7 +107,8 @@ class SimulationSettings:
 class EnvironmentSettings:
     """The environment section of the training configuration.
 
-    ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too.
+    ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too, and through
+    :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     """
 

@@ -58,7 +58,9 @@ class TrackingEnv:
         self._generators = [generator, simulator.generator]
         self._kinematics = Kinematics(robot)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
-        self._knots = num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
+        self.phase_knots = (
+            num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
+        )
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
         self._allocate(robot)
         self._physics = simulator.state()
@@ -230,7 +232,7 @@ class TrackingEnv:
                 self.observations.critic_history[rows].flatten(1),
                 reference_view(physics, bodies, self._target.body_pos_w[rows]),
                 domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
-                phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self._knots),
+                phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self.phase_knots),
             ],
             dim=1,
         ).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)

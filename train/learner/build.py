@@ -5,7 +5,8 @@ import torch
 from train.base_action.module import BaseAction
 from train.config import TrainConfig
 from train.interface import TrackingEnv
-from train.learner.networks import Actor, Critic, Mlp, Normalizer
+from train.learner.networks import Actor, Critic, Mlp
+from train.learner.normalizer import PhaseNormalizer
 from train.learner.ppo import Ppo
 from train.learner.storage import Sizes, Storage
 
@@ -28,20 +29,19 @@ def build_learner(config: TrainConfig, env: TrackingEnv, base: BaseAction | None
             output_gain=gain, precision=config.precision,
         )  # fmt: skip
 
-    def normalizer(size: int) -> Normalizer | None:
-        return Normalizer(size) if settings.normalize_inputs else None
-
     low, high = settings.noise_std_range
     features = None if base is None else base.features
     seen = env.actor_obs_dim - (0 if features is None else features.unseen)
     actor_inputs = seen + (0 if features is None else features.size)
     actor_mlp = mlp(actor_inputs, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
-    critic_mlp = mlp(env.critic_obs_dim, settings.critic_hidden, heads, "critic", 1.0)
-    sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, env.critic_obs_dim, env.num_actions, heads)
+    normalizer = PhaseNormalizer(env.critic_obs_dim, env.phase_knots) if env.phase_knots else None
+    critic_inputs = env.critic_obs_dim if normalizer is None else normalizer.output_size
+    critic_mlp = mlp(critic_inputs, settings.critic_hidden, heads, "critic", 1.0)
+    sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, critic_inputs, env.num_actions, heads)
     input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
     return Ppo(
-        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base, normalizer(seen)),
-        Critic(critic_mlp, normalizer(env.critic_obs_dim)),
+        Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base),
+        Critic(critic_mlp, normalizer),
         Storage(sizes, input_dtype, torch.device("cpu")),
         settings,
         noise=_generator(config.seed, "noise"),

@@ -8,6 +8,8 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
+from train.learner.normalizer import PhaseNormalizer
+
 ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU}
 
 
@@ -66,38 +68,6 @@ class Mlp(nn.Module):
         return self.output(x)
 
 
-class Normalizer(nn.Module):
-    """Running mean and standard deviation of inputs (..., n); the identity until the first update.
-
-    It is updated between rollout and learner only, so that both see the same numbers.
-    """
-
-    mean: Tensor
-    variance: Tensor
-    count: Tensor
-
-    def __init__(self, size: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("variance", torch.ones(size))
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Normalise x."""
-        return (x - self.mean) / torch.sqrt(self.variance + 1e-4)
-
-    @torch.no_grad()
-    def update(self, x: Tensor) -> None:
-        """Take in samples x (n, size): the pooled mean and variance of everything seen."""
-        fresh = x.shape[0]
-        share = fresh / (float(self.count) + fresh)
-        delta = x.mean(dim=0) - self.mean
-        within = (1.0 - share) * self.variance + share * x.var(dim=0, unbiased=False)
-        self.variance.copy_(within + share * (1.0 - share) * delta.square())
-        self.mean += share * delta
-        self.count += fresh
-
-
 class Features(Protocol):
     """``size`` further inputs of the network; the last ``unseen`` columns of the observation are for them alone."""
 
@@ -119,14 +89,13 @@ class Base(Protocol):
 
 
 class Actor(nn.Module):
-    """Gaussian policy: mean = base(obs) + mlp(normalised obs), one standard deviation per action.
+    """Gaussian policy: mean = base(obs) + mlp(obs), one standard deviation per action.
 
     Args:
-        mlp: network from the (normalised) observation to the actions.
+        mlp: network from the observation to the actions.
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
         base: optional module, see :class:`Base`.
-        normalizer: optional normaliser of the observation that the network sees (not of the base's).
     """
 
     def __init__(
@@ -135,10 +104,9 @@ class Actor(nn.Module):
         num_actions: int,
         noise_std: tuple[float, float, float],
         base: Base | None = None,
-        normalizer: Normalizer | None = None,
     ) -> None:
         super().__init__()
-        self.mlp, self.base, self.normalizer = mlp, base, normalizer
+        self.mlp, self.base = mlp, base
         features = None if base is None else base.features
         self._seen = mlp.input_size - (0 if features is None else features.size)
         self.observation_size = self._seen + (0 if features is None else features.unseen)
@@ -149,7 +117,6 @@ class Actor(nn.Module):
     def look(self, obs: Tensor) -> tuple[Tensor, Tensor | None]:
         """What the network sees of obs (B, Da), and the base's action (B, J)."""
         seen = obs[..., : self._seen]
-        seen = seen if self.normalizer is None else self.normalizer(seen)
         if self.base is None:
             return seen, None
         action, features = self.base.look(obs)
@@ -170,7 +137,7 @@ class Actor(nn.Module):
 class Critic(nn.Module):
     """State values (..., H): one head per reward term, or a single one for their sum."""
 
-    def __init__(self, mlp: Mlp, normalizer: Normalizer | None = None) -> None:
+    def __init__(self, mlp: Mlp, normalizer: PhaseNormalizer | None = None) -> None:
         super().__init__()
         self.mlp, self.normalizer = mlp, normalizer
 

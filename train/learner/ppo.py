@@ -92,7 +92,7 @@ class Ppo:
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self.average = WeightAverage(settings.average_iterations, actor.state_dict())
         self._old_log_std = actor.log_std.detach().clone()
-        self._seen: list[Mapping[str, Tensor]] = []  # raw observations, for the normalisers
+        self._seen: list[Tensor] = []  # raw observations of the critic, for its normaliser
 
     @torch.no_grad()
     def act(self, observations: Mapping[str, Tensor]) -> Tensor:
@@ -110,8 +110,8 @@ class Ppo:
         s.mean[s.step], s.actions[s.step] = mean, actions
         s.log_prob[s.step] = log_prob(actions, mean, self.actor.log_std)
         s.values[s.step] = self.critic.mlp(critic_inputs)
-        if self.settings.normalize_inputs:
-            self._seen.append(observations)
+        if self.critic.normalizer is not None:
+            self._seen.append(observations["critic"])
         return actions
 
     @torch.no_grad()
@@ -128,12 +128,13 @@ class Ppo:
     @torch.no_grad()
     def _estimate(self, critic_obs: Tensor) -> None:
         """Returns per head; advantages summed over heads, then normalised over the batch."""
-        s = self.storage
-        advantages = advantages_per_head(
-            s.rewards, s.values, self.critic(critic_obs), s.done, gamma=self.settings.gamma, lam=self.settings.lam
-        )
-        s.returns.copy_(advantages + s.values)
-        total = advantages.sum(dim=-1)
+        s, settings, last_values = self.storage, self.settings, self.critic(critic_obs)
+
+        def advantages(lam: float) -> Tensor:
+            return advantages_per_head(s.rewards, s.values, last_values, s.done, gamma=settings.gamma, lam=lam)
+
+        s.returns.copy_(advantages(settings.critic_lam) + s.values)
+        total = advantages(settings.lam).sum(dim=-1)
         s.advantages.copy_((total - total.mean()) / (total.std() + 1e-8))
 
     def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:
@@ -158,15 +159,14 @@ class Ppo:
         log |= {"learning_rate": self.rates.value, "explained_variance": 1.0 - float(residual)}
         log["noise_std"] = float(torch.exp(self.actor.log_std.detach()).mean())
         s.step = 0
-        self._update_normalizers()
+        self._update_normalizer()
         self.average.update(self.actor.state_dict())
         return log
 
-    def _update_normalizers(self) -> None:
+    def _update_normalizer(self) -> None:
         """Take in the iteration's observations: after learning, so that rollout and learner see the same numbers."""
-        for net, group in ((self.actor, "actor"), (self.critic, "critic")):
-            if net.normalizer is not None:
-                net.normalizer.update(torch.cat([observations[group] for observations in self._seen]))
+        if self.critic.normalizer is not None:
+            self.critic.normalizer.update(torch.cat(self._seen))
         self._seen = []
 
     def _learn(self, batch: Batch) -> dict[str, float]:

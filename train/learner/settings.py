@@ -15,7 +15,8 @@ class LearnerSettings:
         epochs: passes over an iteration's samples.
         minibatches: parts of each pass.
         gamma: discount per step.
-        lam: decay λ of the advantage estimate.
+        lam: decay λ of the advantages that the actor learns from.
+        critic_lam: decay λ of the returns that the critic learns.
         clip: surrogate and value clipping range.
         value_coefficient: weight of the value loss.
         entropy_coefficient: weight of the entropy bonus.
@@ -32,7 +33,6 @@ class LearnerSettings:
         critic_hidden: hidden layers of the critic.
         activation: of the hidden layers.
         actor_output_gain: factor on the actor's initial output layer.
-        normalize_inputs: running normalisation of the networks' inputs.
         average_iterations: the judged and exported actor is the average over about this many iterations; 1 = the last.
     """
 
@@ -41,6 +41,7 @@ class LearnerSettings:
     minibatches: int = 4
     gamma: float = 0.99
     lam: float = 0.95
+    critic_lam: float = 0.95
     clip: float = 0.2
     value_coefficient: float = 1.0
     entropy_coefficient: float = 0.01
@@ -57,7 +58,6 @@ class LearnerSettings:
     critic_hidden: tuple[int, ...] = (768, 512, 128)
     activation: Literal["elu", "silu"] = "elu"
     actor_output_gain: float = 1.0
-    normalize_inputs: bool = False
     average_iterations: int = 1
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ class LearnerSettings:
             positive(f"learner.{name}", getattr(self, name))
         for name in ("value_coefficient", "entropy_coefficient"):
             at_least(f"learner.{name}", getattr(self, name), 0)
-        for name in ("gamma", "lam"):
+        for name in ("gamma", "lam", "critic_lam"):
             within(f"learner.{name}", getattr(self, name), 0.0, 1.0)
         at_least("learner.kl_factor", self.kl_factor, 1.0)
         if self.critic_learning_rate is not None:

@@ -1,0 +1,61 @@
+"""What is usual at a phase, by hand."""
+
+import math
+
+import pytest
+import torch
+
+from train.learner import normalizer
+from train.learner.normalizer import PHASE_MEMORY, PhaseNormalizer
+
+# One column and two knots: 1 and 3 at the first knot, 11 and 13 at the second.
+SEEN = torch.tensor([[1.0, 1.0, 0.0], [3.0, 1.0, 0.0], [11.0, 0.0, 1.0], [13.0, 0.0, 1.0]])
+
+
+@pytest.fixture(autouse=True)
+def _no_least_spread(monkeypatch):
+    monkeypatch.setattr(normalizer, "SPREAD_MIN", 0.0)
+
+
+def test_before_the_first_update_it_changes_nothing():
+    seen = torch.tensor([[0.5, 0.25, 0.75]])
+    assert PhaseNormalizer(3, 2)(seen).tolist() == [[0.5, 0.5, 0.25, 0.75]]
+
+
+def test_normalizes_as_a_whole_and_at_the_phase():
+    network = PhaseNormalizer(3, 2)
+    network.update(SEEN)
+    assert network.output_size == 4
+    # Mean 7, variance (36 + 16 + 16 + 36) / 4; half way between the knots 7 is usual, and all were 1 off the usual.
+    whole, off, *hats = network(torch.tensor([4.0, 0.5, 0.5])).tolist()
+    assert whole == pytest.approx(-3.0 / math.sqrt(26.0), rel=1e-5)
+    assert off == pytest.approx(-3.0, rel=1e-5)
+    assert hats == [0.5, 0.5]
+    assert network(torch.tensor([4.0, 1.0, 0.0]))[1] == pytest.approx(2.0, rel=1e-5)
+
+
+def test_far_off_is_clipped():
+    network = PhaseNormalizer(3, 2)
+    network.update(SEEN)
+    assert network(torch.tensor([-1000.0, 1.0, 0.0])).tolist() == [-5.0, -5.0, 1.0, 0.0]
+
+
+def test_forgets_slowly_and_keeps_what_it_does_not_see_again():
+    network = PhaseNormalizer(3, 2)
+    network.update(SEEN)
+    network.update(torch.tensor([[22.0, 1.0, 0.0]]))
+    usual = (2.0 * PHASE_MEMORY * 2.0 + 22.0) / (2.0 * PHASE_MEMORY + 1.0)
+    torch.testing.assert_close(network.usual, torch.tensor([[usual], [12.0]]))
+
+
+def test_a_knot_that_was_never_seen_has_the_mean_of_all():
+    network = PhaseNormalizer(3, 2)
+    network.update(SEEN[:2])
+    assert network.usual.tolist() == [[2.0], [2.0]]
+
+
+def test_a_column_that_never_moves_stays_finite(monkeypatch):
+    monkeypatch.setattr(normalizer, "SPREAD_MIN", 1e-3)
+    network = PhaseNormalizer(3, 2)
+    network.update(torch.tensor([[4.0, 1.0, 0.0], [4.0, 0.0, 1.0]]))
+    assert network(torch.tensor([4.0, 1.0, 0.0])).tolist() == [0.0, 0.0, 1.0, 0.0]

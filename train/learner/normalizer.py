@@ -1,0 +1,68 @@
+"""Running normalisation of what the critic sees."""
+
+import torch
+from torch import Tensor, nn
+
+PHASE_MEMORY = 0.95
+INPUT_CLIP = 5.0
+SPREAD_MIN = 1e-3
+
+
+class PhaseNormalizer(nn.Module):
+    """An observation (..., n), normalised, and beside it how far it is off what is usual at its phase.
+
+    What a state is worth hangs on centimetres and tenths of a radian off a motion that itself moves by half a metre
+    and a radian: a network that sees only where things are takes long to tell. The identity (with a second copy)
+    until the first update; each update then counts for the share 1 - ``PHASE_MEMORY`` of what is known.
+
+    Args:
+        size: n.
+        knots: the last columns of the observation, which weigh the knots of its phase
+            (:func:`train.phase_basis.phase_hats`) and are passed on as they are.
+    """
+
+    _weight: Tensor
+    _sum: Tensor
+    _square: Tensor
+    _square_off: Tensor
+    mean: Tensor
+    usual: Tensor
+    spread: Tensor
+    spread_off: Tensor
+
+    def __init__(self, size: int, knots: int) -> None:
+        super().__init__()
+        columns = size - knots
+        self._knots, self.output_size = knots, 2 * columns + knots
+        for name, shape, value in (
+            ("_weight", (knots,), 0.0), ("_sum", (knots, columns), 0.0),
+            ("_square", (columns,), 0.0), ("_square_off", (columns,), 0.0),
+            ("mean", (columns,), 0.0), ("usual", (knots, columns), 0.0),
+            ("spread", (columns,), 1.0), ("spread_off", (columns,), 1.0),
+        ):  # fmt: skip
+            self.register_buffer(name, torch.full(shape, value))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """(..., n) → (..., 2(n - knots) + knots)."""
+        x, hats = observation[..., : -self._knots], observation[..., -self._knots :]
+        whole, off = (x - self.mean) / self.spread, (x - hats @ self.usual) / self.spread_off
+        return torch.cat([whole.clamp(-INPUT_CLIP, INPUT_CLIP), off.clamp(-INPUT_CLIP, INPUT_CLIP), hats], dim=-1)
+
+    @torch.no_grad()
+    def update(self, observation: Tensor) -> None:
+        """Take in observations (m, n)."""
+        x, hats = observation[:, : -self._knots], observation[:, -self._knots :]
+        self._remember(self._weight, hats.sum(dim=0))
+        self._remember(self._sum, hats.T @ x)
+        self._remember(self._square, x.square().sum(dim=0))
+        count = self._weight.sum()
+        self.mean.copy_(self._sum.sum(dim=0) / count)
+        seen = self._weight[:, None] > 0.0
+        self.usual.copy_(torch.where(seen, self._sum / self._weight[:, None], self.mean))
+        self._remember(self._square_off, (x - hats @ self.usual).square().sum(dim=0))
+        self.spread.copy_((self._square / count - self.mean.square()).clamp(min=0.0).sqrt() + SPREAD_MIN)
+        self.spread_off.copy_((self._square_off / count).sqrt() + SPREAD_MIN)
+
+    @staticmethod
+    def _remember(total: Tensor, fresh: Tensor) -> None:
+        total.mul_(PHASE_MEMORY).add_(fresh)
