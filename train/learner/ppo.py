@@ -158,16 +158,16 @@ class Ppo:
         residual = (s.returns - s.values).var() / s.returns.var().clamp(min=1e-12)
         log |= {"learning_rate": self.rates.value, "explained_variance": 1.0 - float(residual)}
         log["noise_std"] = float(torch.exp(self.actor.log_std.detach()).mean())
-        s.step = 0
-        self._update_normalizer()
+        # After learning, so that rollout and learner see the same numbers.
+        if self.critic.normalizer is not None:
+            self.critic.normalizer.update(torch.cat(self._seen))
+        self.forget()
         self.average.update(self.actor.state_dict())
         return log
 
-    def _update_normalizer(self) -> None:
-        """Take in the iteration's observations: after learning, so that rollout and learner see the same numbers."""
-        if self.critic.normalizer is not None:
-            self.critic.normalizer.update(torch.cat(self._seen))
-        self._seen = []
+    def forget(self) -> None:
+        """Make room for the samples of the next iteration."""
+        self.storage.step, self._seen = 0, []
 
     def _learn(self, batch: Batch) -> dict[str, float]:
         """One optimiser step."""

@@ -1,0 +1,152 @@
+#!/usr/bin/env -S python3 -P
+"""How much of a run's policy gradient is signal, for several decays λ of the advantages.
+
+Holds the actor of the newest checkpoint still, goes on with its robots and takes a gradient from each of many batches.
+"signal": squared mean gradient over mean squared gradient, 1 without noise. "aim": cosine between the gradient of one
+batch and the mean gradient by Monte Carlo returns; a step of given length brings that share of what it could. Aims
+share the noise of that mean: compare them within one call. Every number of a gradient is scaled as Adam would.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+try:
+    from robot.interrupt import ends_at_once
+
+    with ends_at_once():
+        import torch
+        from torch import Tensor
+
+        from motion.reference import build_reference
+        from robot.errors import InputError
+        from train.base_action.build import base_action_of
+        from train.environment.factory import build_environment
+        from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
+        from train.folder import FEASIBLE_FILE
+        from train.learner.build import build_learner
+        from train.learner.gae import advantages_per_head
+        from train.learner.ppo import Ppo, log_prob
+        from train.session import Setup, resumed_setup
+except ModuleNotFoundError as error:
+    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
+    print(f"{hint} (no module {error.name})", file=sys.stderr)
+    sys.exit(2)
+
+SEGMENTS = 4  # of the trained horizon, in a batch; Monte Carlo returns go over all of them
+SAMPLES_AT_ONCE = 12288
+
+
+def signal_and_aim(gradients: Tensor, reference: Tensor) -> tuple[float, float]:
+    """Of gradients (N, P), one a batch, beside reference gradients (N, P) of the same batches.
+
+    Products are taken between different batches only, whose noise is independent: no estimate is biased by noise.
+    """
+
+    def product(a: Tensor, b: Tensor) -> float:
+        pairs = len(a) * (len(a) - 1)
+        return float((a.sum(dim=0) @ b.sum(dim=0) - (a * b).sum()) / pairs)
+
+    mean_square = float(gradients.square().sum(dim=1).mean())
+    length = max(product(reference, reference), 1e-30) ** 0.5
+    return product(gradients, gradients) / mean_square, product(gradients, reference) / mean_square**0.5 / length
+
+
+class Batches:
+    """Rolls a still actor out, and takes gradients of its network."""
+
+    def __init__(self, setup: Setup) -> None:
+        assert setup.state is not None
+        config = setup.config
+        torch.set_num_threads(config.threads)
+        reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
+        self.env: TrackingEnv = build_environment(
+            config.environment, setup.robot, reference,
+            num_envs=config.num_envs, seed=config.seed, threads=config.threads,
+        )  # fmt: skip
+        base = base_action_of(
+            config, setup.robot, reference, fit=False, stored=setup.run_dir / FEASIBLE_FILE, progress=print
+        )
+        self.horizon = config.learner.horizon
+        whole = replace(config, learner=replace(config.learner, horizon=SEGMENTS * self.horizon))
+        self.learner: Ppo = build_learner(whole, self.env, base)
+        self.learner.load_state_dict(setup.state["learner"])
+        self.env.load_state_dict(setup.state["environment"])
+        self.observations = setup.state["observations"]
+        self.weights = list(self.learner.actor.mlp.parameters())
+        moments = [self.learner.optimizer.state[weight]["exp_avg_sq"] for weight in self.weights]
+        self.scale = torch.cat([(moment.sqrt() + 1e-8).rsqrt().flatten() for moment in moments])
+
+    def gradients(self, lams: Sequence[float]) -> Tensor:
+        """Gradients (len(lams) + 1, P) of one more batch; the last one is by Monte Carlo returns."""
+        for _ in range(SEGMENTS * self.horizon):
+            result = self.env.step(self.learner.act(self.observations))
+            self.learner.record(result)
+            self.observations = result.observations
+        advantages = [self._advantages(lam, self.horizon) for lam in lams]
+        advantages.append(self._advantages(1.0, SEGMENTS * self.horizon))
+        self.learner.forget()
+        return torch.stack([self._gradient(a.flatten() - a.mean()) for a in advantages])
+
+    @torch.no_grad()
+    def _advantages(self, lam: float, horizon: int) -> Tensor:
+        s = self.learner.storage
+        values = torch.cat([s.values, self.learner.critic(self.observations["critic"])[None]])
+        parts = [
+            advantages_per_head(
+                s.rewards[start:end], s.values[start:end], values[end], s.done[start:end],
+                gamma=self.learner.settings.gamma, lam=lam,
+            )
+            for start in range(0, len(s.values), horizon)
+            for end in (start + horizon,)
+        ]  # fmt: skip
+        return torch.cat(parts).sum(dim=-1)
+
+    def _gradient(self, advantages: Tensor) -> Tensor:
+        s, actor = self.learner.storage, self.learner.actor
+        inputs, base, actions = (column.flatten(0, 1) for column in (s.actor_inputs, s.base, s.actions))
+        total = torch.zeros_like(self.scale)
+        for rows in torch.arange(len(actions)).split(SAMPLES_AT_ONCE):
+            density = log_prob(actions[rows], base[rows] + actor.mlp(inputs[rows]), actor.log_std.detach())
+            parts = torch.autograd.grad((density * advantages[rows]).sum() / len(actions), self.weights)
+            total += torch.cat([part.flatten() for part in parts])
+        return total * self.scale
+
+
+def main(arguments: list[str]) -> int:
+    """Measure and print. Returns the exit code."""
+    description, _, definitions = __doc__.partition("\n\n")
+    parser = argparse.ArgumentParser(
+        description=description, epilog=definitions, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run with a checkpoint")
+    parser.add_argument("--lam", type=float, nargs="+", default=[0.95, 0.85, 0.5, 0.0], metavar="λ")
+    parser.add_argument("--batches", type=int, default=12, metavar="N", help="of four iterations each")
+    options = parser.parse_args(arguments)
+    try:
+        if not all(0.0 <= lam <= 1.0 for lam in options.lam):
+            raise InputError("out of range", where="--lam", got=options.lam, expected="0 to 1")
+        if options.batches < 2:
+            raise InputError("too few", where="--batches", got=options.batches, expected="2 or more")
+        batches = Batches(resumed_setup(options.run_dir, []))
+        seen = []
+        for number in range(options.batches):
+            seen.append(batches.gradients(options.lam))
+            print(f"batch {number + 1} of {options.batches}", file=sys.stderr, flush=True)
+        gradients = torch.stack(seen)
+        print(f"{'λ':14}{'signal':>8}{'aim':>8}")
+        for column, name in enumerate([*(f"{lam:g}" for lam in options.lam), "Monte Carlo"]):
+            signal, aim = signal_and_aim(gradients[:, column], gradients[:, -1])
+            print(f"{name:14}{signal:8.3f}{aim:8.3f}")
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped before the end: no figures", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
