@@ -88,7 +88,7 @@ class Batches:
         advantages = [self._advantages(lam, self.horizon) for lam in lams]
         advantages.append(self._advantages(1.0, SEGMENTS * self.horizon))
         self.learner.forget()
-        return torch.stack([self._gradient(a.flatten() - a.mean()) for a in advantages])
+        return self._gradients(torch.stack([a.flatten() - a.mean() for a in advantages]))
 
     @torch.no_grad()
     def _advantages(self, lam: float, horizon: int) -> Tensor:
@@ -96,22 +96,22 @@ class Batches:
         values = torch.cat([s.values, self.learner.critic(self.observations["critic"])[None]])
         parts = [
             advantages_per_head(
-                s.rewards[start:end], s.values[start:end], values[end], s.done[start:end],
+                s.rewards[i : i + horizon], s.values[i : i + horizon], values[i + horizon], s.done[i : i + horizon],
                 gamma=self.learner.settings.gamma, lam=lam,
             )
-            for start in range(0, len(s.values), horizon)
-            for end in (start + horizon,)
+            for i in range(0, len(s.values), horizon)
         ]  # fmt: skip
         return torch.cat(parts).sum(dim=-1)
 
-    def _gradient(self, advantages: Tensor) -> Tensor:
+    def _gradients(self, advantages: Tensor) -> Tensor:
         s, actor = self.learner.storage, self.learner.actor
         inputs, base, actions = (column.flatten(0, 1) for column in (s.actor_inputs, s.base, s.actions))
-        total = torch.zeros_like(self.scale)
+        total = torch.zeros(len(advantages), len(self.scale))
         for rows in torch.arange(len(actions)).split(SAMPLES_AT_ONCE):
             density = log_prob(actions[rows], base[rows] + actor.mlp(inputs[rows]), actor.log_std.detach())
-            parts = torch.autograd.grad((density * advantages[rows]).sum() / len(actions), self.weights)
-            total += torch.cat([part.flatten() for part in parts])
+            weights = advantages[:, rows] / len(actions)
+            parts = torch.autograd.grad(density, self.weights, weights, is_grads_batched=True)
+            total += torch.cat([part.flatten(1) for part in parts], dim=1)
         return total * self.scale
 
 
