@@ -5,12 +5,15 @@ Holds the actor of the newest checkpoint still, goes on with its robots and take
 "signal": squared mean gradient over mean squared gradient, 1 without noise. "aim": cosine between the gradient of one
 batch and the mean gradient by Monte Carlo returns; a step of given length brings that share of what it could. Aims
 share the noise of that mean: compare them within one call. Every number of a gradient is scaled as Adam would.
+Of a run with pairs (learner.paired_steps) "pairs" are advantages from all robots' differences to their twins, the rest
+is of the half that is nobody's twin.
 """
 
 import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 try:
@@ -23,19 +26,19 @@ try:
         from motion.reference import build_reference
         from robot.errors import InputError
         from train.base_action.build import base_action_of
-        from train.environment.factory import build_environment
-        from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
+        from train.environment.tracking import CONTROL_PERIOD_S
         from train.folder import FEASIBLE_FILE
         from train.learner.build import build_learner
-        from train.learner.gae import advantages_per_head
+        from train.learner.gae import advantages_per_head, paired_differences
         from train.learner.ppo import Ppo, log_prob
-        from train.session import Setup, resumed_setup
+        from train.session import Setup, environment_of, resumed_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
     sys.exit(2)
 
-SEGMENTS = 4  # of the trained horizon, in a batch; Monte Carlo returns go over all of them
+BATCH_STEPS = 96  # or a little more, whole horizons; Monte Carlo returns go over all of them
+MONTE_CARLO = "Monte Carlo"
 SAMPLES_AT_ONCE = 12288
 
 
@@ -61,17 +64,16 @@ class Batches:
         assert setup.state is not None
         config = setup.config
         torch.set_num_threads(config.threads)
-        reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-        self.env: TrackingEnv = build_environment(
-            config.environment, setup.robot, reference,
-            num_envs=config.num_envs, seed=config.seed, threads=config.threads,
-        )  # fmt: skip
+        self.env = environment_of(setup)
         base = base_action_of(
-            config, setup.robot, reference, fit=False, stored=setup.run_dir / FEASIBLE_FILE, progress=print
+            config, setup.robot, build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S),
+            fit=False, stored=setup.run_dir / FEASIBLE_FILE, progress=partial(print, file=sys.stderr),
+        )  # fmt: skip
+        self.horizon, self.paired_steps = config.learner.horizon, config.learner.paired_steps
+        self.steps = self.horizon * -(-BATCH_STEPS // self.horizon)
+        self.learner: Ppo = build_learner(
+            replace(config, learner=replace(config.learner, horizon=self.steps)), self.env, base
         )
-        self.horizon = config.learner.horizon
-        whole = replace(config, learner=replace(config.learner, horizon=SEGMENTS * self.horizon))
-        self.learner: Ppo = build_learner(whole, self.env, base)
         self.learner.load_state_dict(setup.state["learner"])
         self.env.load_state_dict(setup.state["environment"])
         self.observations = setup.state["observations"]
@@ -79,29 +81,34 @@ class Batches:
         moments = [self.learner.optimizer.state[weight]["exp_avg_sq"] for weight in self.weights]
         self.scale = torch.cat([(moment.sqrt() + 1e-8).rsqrt().flatten() for moment in moments])
 
-    def gradients(self, lams: Sequence[float]) -> Tensor:
-        """Gradients (len(lams) + 1, P) of one more batch; the last one is by Monte Carlo returns."""
-        for _ in range(SEGMENTS * self.horizon):
+    def gradients(self, lams: Sequence[float]) -> dict[str, Tensor]:
+        """One more batch's gradients (P,) by the name of their advantages; ``MONTE_CARLO`` is among them."""
+        for _ in range(self.steps):
             result = self.env.step(self.learner.act(self.observations))
             self.learner.record(result)
             self.observations = result.observations
-        advantages = [self._advantages(lam, self.horizon) for lam in lams]
-        advantages.append(self._advantages(1.0, SEGMENTS * self.horizon))
+        advantages = {f"{lam:g}": self._alone(self._advantages(lam, self.horizon)) for lam in lams}
+        if self.paired_steps is not None:
+            advantages |= {
+                f"{lam:g}, pairs": paired_differences(self._advantages(lam, self.paired_steps)) for lam in lams
+            }
+        advantages[MONTE_CARLO] = self._alone(self._advantages(1.0, self.steps))
         self.learner.forget()
-        return self._gradients(torch.stack([a.flatten() - a.mean() for a in advantages]))
+        gradients = self._gradients(torch.stack([a.flatten() - a.mean() for a in advantages.values()]))
+        return dict(zip(advantages, gradients, strict=True))
+
+    def _alone(self, advantages: Tensor) -> Tensor:
+        """Without those of twins, which go back to their robots in between."""
+        if self.paired_steps is not None:
+            advantages[:, advantages.shape[1] // 2 :] = 0.0
+        return advantages
 
     @torch.no_grad()
-    def _advantages(self, lam: float, horizon: int) -> Tensor:
-        s = self.learner.storage
-        values = torch.cat([s.values, self.learner.critic(self.observations["critic"])[None]])
-        parts = [
-            advantages_per_head(
-                s.rewards[i : i + horizon], s.values[i : i + horizon], values[i + horizon], s.done[i : i + horizon],
-                gamma=self.learner.settings.gamma, lam=lam,
-            )
-            for i in range(0, len(s.values), horizon)
-        ]  # fmt: skip
-        return torch.cat(parts).sum(dim=-1)
+    def _advantages(self, lam: float, window: int) -> Tensor:
+        s, last_values = self.learner.storage, self.learner.critic(self.observations["critic"])
+        return advantages_per_head(
+            s.rewards, s.values, last_values, s.done, gamma=self.learner.settings.gamma, lam=lam, window=window
+        ).sum(dim=-1)
 
     def _gradients(self, advantages: Tensor) -> Tensor:
         s, actor = self.learner.storage, self.learner.actor
@@ -123,7 +130,7 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run with a checkpoint")
     parser.add_argument("--lam", type=float, nargs="+", default=[0.95, 0.85, 0.5, 0.0], metavar="λ")
-    parser.add_argument("--batches", type=int, default=12, metavar="N", help="of four iterations each")
+    parser.add_argument("--batches", type=int, default=12, metavar="N", help=f"of {BATCH_STEPS} steps each")
     options = parser.parse_args(arguments)
     try:
         if not all(0.0 <= lam <= 1.0 for lam in options.lam):
@@ -135,10 +142,10 @@ def main(arguments: list[str]) -> int:
         for number in range(options.batches):
             seen.append(batches.gradients(options.lam))
             print(f"batch {number + 1} of {options.batches}", file=sys.stderr, flush=True)
-        gradients = torch.stack(seen)
+        gradients = {name: torch.stack([batch[name] for batch in seen]) for name in seen[0]}
         print(f"{'λ':14}{'signal':>8}{'aim':>8}")
-        for column, name in enumerate([*(f"{lam:g}" for lam in options.lam), "Monte Carlo"]):
-            signal, aim = signal_and_aim(gradients[:, column], gradients[:, -1])
+        for name in gradients:
+            signal, aim = signal_and_aim(gradients[name], gradients[MONTE_CARLO])
             print(f"{name:14}{signal:8.3f}{aim:8.3f}")
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

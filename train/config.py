@@ -69,6 +69,11 @@ class TrainConfig:
                 "nothing looks at them", where="environment.older_lags", got=self.environment.older_ticks(),
                 expected="base_action.features=true with them, or none",
             )  # fmt: skip
+        if self.learner.paired_steps is not None and self.num_envs % 2:
+            raise InputError(
+                "is odd", where="num_envs", got=self.num_envs,
+                expected="pairs of robots, as learner.paired_steps is set",
+            )  # fmt: skip
         samples = self.num_envs * self.learner.horizon
         if samples < 2 * self.learner.minibatches:
             raise InputError(

@@ -20,7 +20,9 @@ from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
+from train.environment.paired import PairedEnv
 from train.environment.tracking import CONTROL_PERIOD_S
+from train.environment.tracking import TrackingEnv as SingleEnv
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
@@ -83,7 +85,7 @@ def train(setup: Setup) -> None:
     stop, started_s = StopRequest(), time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    env = _environment(setup)
+    env = environment_of(setup)
     _begin_folder(setup)
     report = RunReport(setup.run_dir, setup.document, machine_facts(config))
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
@@ -124,19 +126,27 @@ def replay_dump(path: Path) -> str:
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)
     setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None)
-    seen = replay(dump, _environment(setup))
+    seen = replay(dump, environment_of(setup))
     recorded = f"recorded: {dump['group']}"
     if seen is None:
         return f"{recorded}; all {len(dump['actions'])} steps repeated, the environment stayed finite"
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
 
 
-def _environment(setup: Setup) -> TrackingEnv:
+def environment_of(setup: Setup) -> TrackingEnv:
+    """The environment that a run trains in, at its beginning."""
     config = setup.config
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    return build_environment(
-        config.environment, setup.robot, reference, num_envs=config.num_envs, seed=config.seed, threads=config.threads
-    )
+
+    def robots(count: int) -> SingleEnv:
+        return build_environment(
+            config.environment, setup.robot, reference, num_envs=count, seed=config.seed, threads=config.threads
+        )
+
+    if config.learner.paired_steps is None:
+        return robots(config.num_envs)
+    half = config.num_envs // 2
+    return PairedEnv(robots(half), robots(half), config.learner.paired_steps)
 
 
 def _new_run_dir(config: TrainConfig) -> Path:

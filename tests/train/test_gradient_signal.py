@@ -40,10 +40,17 @@ def test_noise_biases_neither(gradient_signal):
     assert aim == pytest.approx((4.0 / 54.0) ** 0.5, rel=0.05)
 
 
-def test_reads_a_run_and_leaves_it_alone(gradient_signal, tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("override", "names"),
+    [
+        ("learner.paired_steps=null", ["1", "0", "Monte Carlo"]),
+        ("learner.paired_steps=2", ["1", "0", "1, pairs", "0, pairs", "Monte Carlo"]),
+    ],
+)
+def test_reads_a_run_and_leaves_it_alone(gradient_signal, tmp_path, capsys, monkeypatch, override, names):
     monkeypatch.setenv("KATA_RENDERER", "none")
     run = tmp_path / "run"
-    assert train_main([*SMALL, "iterations=2", f"run_dir={run}"]) == 0
+    assert train_main([*SMALL, override, "iterations=2", f"run_dir={run}"]) == 0
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     tables = []
     for _ in range(2):
@@ -52,7 +59,7 @@ def test_reads_a_run_and_leaves_it_alone(gradient_signal, tmp_path, capsys, monk
         tables.append(capsys.readouterr().out)
     assert tables[0] == tables[1]
     rows = [line.split() for line in tables[0].splitlines()]
-    assert [row[0] for row in rows] == ["λ", "1", "0", "Monte"]
+    assert [" ".join(row[:-2]) for row in rows] == ["λ", *names]
     # Three batches of noise: nothing is known of the sign, but a share is at most one.
     assert all(abs(float(row[-2])) <= 1.0 for row in rows[1:])
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before

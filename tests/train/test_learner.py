@@ -11,7 +11,7 @@ from tests.train.point_mass import PointMassEnv
 from tests.train.point_mass_run import make_learner, make_runner
 from train.interface import StepResult
 from train.learner import ppo
-from train.learner.gae import advantages_per_head
+from train.learner.gae import advantages_per_head, paired_differences
 from train.learner.networks import Actor, Mlp
 from train.learner.settings import LearnerSettings
 
@@ -30,6 +30,46 @@ def test_advantages_of_two_heads_by_hand():
     # Head 0: d2 = 3 + 0.5*4 - 2 = 3; d1 = 2 - 1 = 1 (ended); d0 = 1 + 0.5*1 - 1 = 0.5, A0 = 0.5 + 0.25*1.
     # Head 1: d2 = 8 + 0.5*2 - 0 = 9; d1 = 0 - 4 = -4;         d0 = 0 + 0.5*4 - 0 = 2,   A0 = 2 + 0.25*(-4).
     assert got[:, 0].tolist() == [[0.75, 1.0], [1.0, -4.0], [3.0, 9.0]]
+
+
+def test_advantages_of_a_window_end_with_the_value_after_it():
+    # As above without an ending and with windows of two steps: steps 0 and 1 know nothing of what step 2 brought.
+    rewards = torch.tensor([[[1.0]], [[2.0]], [[3.0]], [[5.0]]])
+    values = torch.tensor([[[1.0]], [[1.0]], [[2.0]], [[4.0]]])
+    got = advantages_per_head(
+        rewards, values, torch.tensor([[6.0]]), torch.zeros(4, 1, dtype=torch.bool), gamma=0.5, lam=0.5, window=2
+    )
+    # d = 1 + 0.5*1 - 1, 2 + 0.5*2 - 1, 3 + 0.5*4 - 2, 5 + 0.5*6 - 4 = 0.5, 2, 3, 4.
+    assert got.flatten().tolist() == [0.5 + 0.25 * 2.0, 2.0, 3.0 + 0.25 * 4.0, 4.0]
+
+
+def test_paired_differences_are_half_of_how_two_twins_differ():
+    assert paired_differences(torch.tensor([[1.0, 5.0, 4.0, -1.0]])).tolist() == [[-1.5, 3.0, 1.5, -3.0]]
+
+
+def test_twins_try_the_opposite_noise():
+    env = PointMassEnv(6)
+    learner = make_learner(env, "num_envs=6", "learner.paired_steps=8", "learner.horizon=8")
+    observations = {name: values[:3].repeat(2, 1) for name, values in env.reset().items()}
+    noise = learner.act(observations) - learner.actor(observations["actor"])
+    torch.testing.assert_close(noise[3:], -noise[:3])
+    assert noise[:3].std() > 0.1
+
+
+def test_twins_learn_from_their_differences():
+    env = PointMassEnv(6)
+    learner = make_learner(env, "num_envs=6", "learner.horizon=8", "learner.paired_steps=4", "learner.lam=0.5")
+    observations = collect(learner, env)
+    s, last = learner.storage, learner.critic(observations["critic"]).detach()
+    learner.update(observations)
+    values = torch.cat([s.values, last[None]])
+    halves = [
+        advantages_per_head(s.rewards[part], s.values[part], values[part.stop], s.done[part], gamma=0.99, lam=0.5)
+        for part in (slice(0, 4), slice(4, 8))
+    ]
+    total = torch.cat(halves).sum(dim=-1)
+    total = torch.cat([total[:, :3] - total[:, 3:], total[:, 3:] - total[:, :3]], dim=1)
+    torch.testing.assert_close(s.advantages, total / total.std(), rtol=1e-4, atol=1e-4)
 
 
 def test_density_and_divergence_agree_with_torch_distributions():

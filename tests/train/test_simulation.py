@@ -14,8 +14,8 @@ DEFAULT_Z = 0.78
 
 
 def simulator(ranges: DomainRanges | None = None, num_envs: int = 3, seed: int = 0) -> MujocoCpuSimulator:
-    generator = torch.Generator().manual_seed(seed)
-    return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), generator)
+    generators = (torch.Generator().manual_seed(2 * seed + stream) for stream in range(2))
+    return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), *generators)
 
 
 def standing(count: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -10,7 +10,7 @@ from train.environment.tick import ReferenceTable
 from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
 
-PHYSICS_STREAM = 1
+STREAMS = 4
 
 
 def build_environment(
@@ -23,13 +23,15 @@ def build_environment(
     threads: int,
 ) -> TrackingEnv:
     """An environment of ``num_envs`` robots on one clip. Same arguments, same numbers."""
-    generator = torch.Generator().manual_seed(seed)
-    physics = torch.Generator().manual_seed(seed * 2 + PHYSICS_STREAM)
+    generator, episodes, physics, physics_episodes = (
+        torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
+    )
     simulator = MujocoCpuSimulator(
         robot,
         num_envs,
         settings.randomization,
         physics,
+        physics_episodes,
         control_period_s=CONTROL_PERIOD_S,
         substeps=settings.simulation.substeps,
         threads=threads,
@@ -37,4 +39,4 @@ def build_environment(
         randomization=settings.randomization_scale.start,
     )
     table = ReferenceTable([reference], [torch.as_tensor(ground_lift_m(robot, reference))])
-    return TrackingEnv(robot, table, simulator, settings, generator)
+    return TrackingEnv(robot, table, simulator, settings, generator, episodes)

@@ -33,7 +33,6 @@ class Observations:
         robot: the robot.
         num_envs: B.
         noise: term name → half width of the uniform noise on the actor's samples, before scaling.
-        generator: source of the noise.
         older_lags: see :func:`policy.observation.pbhc_actor_group`; the critic, who sees what is hidden, has none.
     """
 
@@ -42,7 +41,6 @@ class Observations:
         robot: Robot,
         num_envs: int,
         noise: Mapping[str, float],
-        generator: torch.Generator,
         older_lags: tuple[int, ...] = (),
     ) -> None:
         self.group = pbhc_actor_group(older_lags=older_lags)
@@ -53,7 +51,6 @@ class Observations:
         width = sample_width(self._terms, dims)
         self._noise = torch.cat([torch.full((dims[t.term],), noise.get(t.term, 0.0) * t.scale) for t in self._terms])
         self._default = torch.tensor(robot.default_pos_rad).float()
-        self._generator = generator
         self.actor_history = torch.zeros(num_envs, num_lags(self.group), width)
         self.critic_history = torch.zeros(num_envs, num_lags(pbhc_actor_group()), width + 3)
 
@@ -69,9 +66,18 @@ class Observations:
             history[env_ids, 0] = sample
 
     def sample(
-        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor, *, noise_scale: float
+        self,
+        physics: PhysicsState,
+        last_action: torch.Tensor,
+        phase: torch.Tensor,
+        *,
+        noise_scale: float,
+        generator: torch.Generator,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the noisy actor sample (n, W) and the exact critic sample (n, W+3) of n environments."""
+        """Return the noisy actor sample (n, W) and the exact critic sample (n, W+3) of n environments.
+
+        The noise is drawn from ``generator``.
+        """
         terms = ObservationInput(
             base_quat_wxyz=physics.root_quat_wxyz,
             base_ang_vel_b=physics.root_ang_vel_b,
@@ -82,7 +88,7 @@ class Observations:
             default_pos_rad=self._default,
         )
         exact = sample_terms(self._terms, terms).float()
-        noise = (2.0 * torch.rand(exact.shape, generator=self._generator) - 1.0) * (self._noise * noise_scale)
+        noise = (2.0 * torch.rand(exact.shape, generator=generator) - 1.0) * (self._noise * noise_scale)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
         actor = torch.clamp(exact + noise, -self._clip, self._clip)
         return actor, torch.cat([exact, LIN_VEL_SCALE * lin_vel_b], dim=1)

@@ -39,7 +39,9 @@ class TrackingEnv:
         table: the references.
         simulator: the physics.
         settings: terms, weights, curricula.
-        generator: source of all randomness outside physics.
+        generator: source of what each step draws, outside physics.
+        episodes: source of what each episode draws, outside physics. Another one, so that episodes which end here or
+            there leave the steps' draws as they are (:class:`train.environment.paired.PairedEnv`).
     """
 
     def __init__(
@@ -49,13 +51,14 @@ class TrackingEnv:
         simulator: Simulator,
         settings: EnvironmentSettings,
         generator: torch.Generator,
+        episodes: torch.Generator,
     ) -> None:
         self.num_envs, self.num_actions = simulator.num_envs, robot.num_joints
         self.reward_names = tuple(settings.rewards)
         self.settings, self.simulator, self._table, self._generator = settings, simulator, table, generator
         self.num_ticks = table.num_ticks
-        # Physics and terms draw from one stream each; both belong to the state.
-        self._generators = [generator, simulator.generator]
+        self._episodes = episodes
+        self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._kinematics = Kinematics(robot)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
         self.phase_knots = (
@@ -71,8 +74,8 @@ class TrackingEnv:
 
     def _allocate(self, robot: Robot) -> None:
         s, envs = self.settings, self.num_envs
-        self.observations = Observations(robot, envs, s.observation_noise, self._generator, s.older_ticks())
-        self.starts = StartSampler(s.start, self._table.num_ticks, self._generator)
+        self.observations = Observations(robot, envs, s.observation_noise, s.older_ticks())
+        self.starts = StartSampler(s.start, self._table.num_ticks, self._episodes)
         self.pushes = Pushes(s.push, envs, CONTROL_PERIOD_S, self._generator)
         tracking = [name for name in self.reward_names if name in TRACKING]
         self.sigma = AdaptiveSigma(
@@ -184,7 +187,7 @@ class TrackingEnv:
         self.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
         self._physics, self._bodies = t.physics, t.bodies
         self._target = self._table.rows(self.clip, self.tick + 1)
-        self.observations.push(*self._sample(t.physics, t.action, t.reference.phase))
+        self.observations.push(*self._sample(t.physics, t.action, t.reference.phase, self._generator))
 
     def _update_curricula(self, t: Tick, ended: torch.Tensor) -> None:
         self._log.episodes(self, ended)
@@ -213,13 +216,14 @@ class TrackingEnv:
         fresh = PhysicsState(*(value[env_ids] for value in vars(self._physics).values()))
         _write_rows(self._bodies, env_ids, self._forward(fresh))
         _write_rows(vars(self._target).values(), env_ids, vars(self._table.rows(clip, tick + 1)).values())
-        self.observations.restart(env_ids, *self._sample(fresh, self.last_action[env_ids], rows.phase))
+        self.observations.restart(env_ids, *self._sample(fresh, self.last_action[env_ids], rows.phase, self._episodes))
 
     def _sample(
-        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor
+        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Sensor noise grows with the randomisation."""
-        return self.observations.sample(physics, last_action, phase, noise_scale=self.simulator.randomization)
+        scale = self.simulator.randomization
+        return self.observations.sample(physics, last_action, phase, noise_scale=scale, generator=generator)
 
     def _observe(self) -> dict[str, torch.Tensor]:
         return {"actor": self.observations.actor(), "critic": self._critic(torch.arange(self.num_envs))}
@@ -272,7 +276,7 @@ class TrackingEnv:
             getattr(self, name).value = state["curricula"][name]
         for name, values in state["averages"].items():
             vars(getattr(self, name)).update(values)
-        for generator, value in zip(self._generators, state["generators"]):
+        for generator, value in zip(self._generators, state["generators"], strict=True):
             generator.set_state(value)
 
     def _buffer(self, path: str) -> torch.Tensor:

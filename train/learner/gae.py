@@ -5,7 +5,14 @@ from torch import Tensor
 
 
 def advantages_per_head(
-    rewards: Tensor, values: Tensor, last_values: Tensor, done: Tensor, *, gamma: float, lam: float
+    rewards: Tensor,
+    values: Tensor,
+    last_values: Tensor,
+    done: Tensor,
+    *,
+    gamma: float,
+    lam: float,
+    window: int | None = None,
 ) -> Tensor:
     """Return advantages (T, B, H); the returns are advantages + values.
 
@@ -16,6 +23,7 @@ def advantages_per_head(
         done: (T, B) bool, whether the episode ended in that step for whatever reason.
         gamma: discount.
         lam: decay λ.
+        window: each ``window`` steps by themselves, up to the value of the state after them. None: all T steps.
     """
     alive = (~done).to(rewards.dtype).unsqueeze(-1)
     following = torch.cat([values[1:], last_values.unsqueeze(0)])
@@ -23,6 +31,17 @@ def advantages_per_head(
     advantages = torch.empty_like(deltas)
     running = torch.zeros_like(last_values)
     for t in reversed(range(len(deltas))):
+        if window is not None and (t + 1) % window == 0:
+            running = torch.zeros_like(last_values)
         running = deltas[t] + gamma * lam * alive[t] * running
         advantages[t] = running
     return advantages
+
+
+def paired_differences(advantages: Tensor) -> Tensor:
+    """Of advantages (T, B) the part that robots and twins (second half of B) differ by: (T, B).
+
+    What both owe to the state that they share, to disturbances or to an error of the critic is not in it.
+    """
+    robots, twins = advantages.chunk(2, dim=1)
+    return 0.5 * torch.cat([robots - twins, twins - robots], dim=1)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from train.interface import StepResult
 from train.learner.averaging import WeightAverage
-from train.learner.gae import advantages_per_head
+from train.learner.gae import advantages_per_head, paired_differences
 from train.learner.networks import Actor, Critic
 from train.learner.settings import LearnerSettings
 from train.learner.storage import Batch, Storage
@@ -103,8 +103,7 @@ class Ppo:
         if base is not None:
             mean = base + residual
             s.base[s.step] = base
-        noise = torch.empty_like(mean).normal_(generator=self.noise)
-        actions = mean + torch.exp(self.actor.log_std) * noise
+        actions = mean + torch.exp(self.actor.log_std) * self._noise(mean)
         critic_inputs = self.critic.inputs(observations["critic"])
         s.actor_inputs[s.step], s.critic_inputs[s.step] = inputs, critic_inputs
         s.mean[s.step], s.actions[s.step] = mean, actions
@@ -113,6 +112,13 @@ class Ppo:
         if self.critic.normalizer is not None:
             self._seen.append(observations["critic"])
         return actions
+
+    def _noise(self, mean: Tensor) -> Tensor:
+        """Standard normal numbers like ``mean`` (B, J); twins, the second half, get the first half's with a minus."""
+        if self.settings.paired_steps is None:
+            return torch.empty_like(mean).normal_(generator=self.noise)
+        noise = torch.empty_like(mean[: len(mean) // 2]).normal_(generator=self.noise)
+        return torch.cat([noise, -noise])
 
     @torch.no_grad()
     def record(self, result: StepResult) -> None:
@@ -130,11 +136,15 @@ class Ppo:
         """Returns per head; advantages summed over heads, then normalised over the batch."""
         s, settings, last_values = self.storage, self.settings, self.critic(critic_obs)
 
-        def advantages(lam: float) -> Tensor:
-            return advantages_per_head(s.rewards, s.values, last_values, s.done, gamma=settings.gamma, lam=lam)
+        def advantages(lam: float, window: int | None = None) -> Tensor:
+            return advantages_per_head(
+                s.rewards, s.values, last_values, s.done, gamma=settings.gamma, lam=lam, window=window
+            )
 
         s.returns.copy_(advantages(settings.critic_lam) + s.values)
-        total = advantages(settings.lam).sum(dim=-1)
+        total = advantages(settings.lam, settings.paired_steps).sum(dim=-1)
+        if settings.paired_steps is not None:
+            total = paired_differences(total)
         s.advantages.copy_((total - total.mean()) / (total.std() + 1e-8))
 
     def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:

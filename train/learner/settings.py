@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from robot.errors import InputError
 from train.structured import at_least, positive, within
 
 
@@ -33,6 +34,8 @@ class LearnerSettings:
         critic_hidden: hidden layers of the critic.
         activation: of the hidden layers.
         actor_output_gain: factor on the actor's initial output layer.
+        paired_steps: half of the robots are twins of the others and try the opposite exploration noise under the same
+            disturbances, for this many steps; the actor learns from how both differ. None: no robot has a twin.
         average_iterations: the judged and exported actor is the average over about this many iterations; 1 = the last.
     """
 
@@ -58,6 +61,7 @@ class LearnerSettings:
     critic_hidden: tuple[int, ...] = (768, 512, 128)
     activation: Literal["elu", "silu"] = "elu"
     actor_output_gain: float = 1.0
+    paired_steps: int | None = None
     average_iterations: int = 1
 
     def __post_init__(self) -> None:
@@ -69,6 +73,11 @@ class LearnerSettings:
             at_least(f"learner.{name}", getattr(self, name), 0)
         for name in ("gamma", "lam", "critic_lam"):
             within(f"learner.{name}", getattr(self, name), 0.0, 1.0)
+        if self.paired_steps is not None and (self.paired_steps < 1 or self.horizon % self.paired_steps):
+            raise InputError(
+                "does not divide the horizon", where="learner.paired_steps", got=self.paired_steps,
+                expected=f"a divisor of learner.horizon, {self.horizon}",
+            )  # fmt: skip
         at_least("learner.kl_factor", self.kl_factor, 1.0)
         if self.critic_learning_rate is not None:
             positive("learner.critic_learning_rate", self.critic_learning_rate)

@@ -63,6 +63,10 @@ class Domain:
         pairs = ((getattr(nominal, f.name), getattr(self, f.name)) for f in fields(self))
         return Domain(*(n + scale * (drawn - n) for n, drawn in pairs))
 
+    def equals(self, other: "Domain") -> bool:
+        """Whether every number is the same."""
+        return all(torch.equal(mine, its) for mine, its in zip(vars(self).values(), vars(other).values(), strict=True))
+
 
 def uniform(shape: tuple[int, ...], low: float, high: float, generator: torch.Generator) -> torch.Tensor:
     """Draw float32 U(low, high)."""

@@ -40,7 +40,8 @@ class MujocoCpuSimulator:
         robot: the robot.
         num_envs: B.
         ranges: what differs between environments.
-        generator: source of all randomness.
+        generator: source of what environments and each step draw.
+        episodes: source of what each episode draws.
         control_period_s: duration of one :meth:`step`.
         substeps: physics steps per control step.
         threads: worker threads.
@@ -54,6 +55,7 @@ class MujocoCpuSimulator:
         num_envs: int,
         ranges: DomainRanges,
         generator: torch.Generator,
+        episodes: torch.Generator,
         *,
         control_period_s: float = 0.02,
         substeps: int = 4,
@@ -61,7 +63,7 @@ class MujocoCpuSimulator:
         joint_friction: bool = True,
         randomization: float = 1.0,
     ) -> None:
-        self.num_envs, self.generator = num_envs, generator
+        self.num_envs, self.generator, self.episodes = num_envs, generator, episodes
         self._robot, self._ranges = robot, ranges
         self._substeps, self._substep_s = substeps, control_period_s / substeps
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
@@ -125,19 +127,19 @@ class MujocoCpuSimulator:
         delay = torch.round(self._draw_delay(count) * self.randomization / self._substep_s)
         late = delay[:, None] - torch.arange(self._substeps)  # sub-steps until the newest command arrives
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
-        offset = uniform((count, joints), -1.0, 1.0, self.generator) * ranges.torque_offset
+        offset = uniform((count, joints), -1.0, 1.0, self.episodes) * ranges.torque_offset
         self._torque_offset[env_ids] = offset * self._torque_limit
-        noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.generator) * ranges.torque_noise
+        noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise
 
     def _draw_delay(self, count: int) -> torch.Tensor:
         """Control delays (count,), seconds: anything in the range, or its whole control steps."""
         low, high = self._ranges.delay_s
         if not self._ranges.delay_whole_steps:
-            return uniform((count,), low, high, self.generator)
+            return uniform((count,), low, high, self.episodes)
         period_s = self._substeps * self._substep_s
         first, last = round(low / period_s), round(high / period_s)
-        return torch.floor(uniform((count,), first, last + 1, self.generator)) * period_s
+        return torch.floor(uniform((count,), first, last + 1, self.episodes)) * period_s
 
     def push(self, env_ids: torch.Tensor, velocity_w: torch.Tensor) -> None:
         """See :class:`train.simulation.simulator.Simulator`."""
@@ -204,8 +206,11 @@ class MujocoCpuSimulator:
         """Restore what :meth:`state_dict` returned."""
         for name in self._CHECKPOINTED:
             getattr(self, name).copy_(state[name])
-        self._drawn = Domain(**{key[6:]: value for key, value in state.items() if key.startswith("drawn.")})
-        self.set_randomization(float(state["randomization"]))
+        drawn = Domain(**{key[6:]: value for key, value in state.items() if key.startswith("drawn.")})
+        scale = float(state["randomization"])
+        if scale != self.randomization or not drawn.equals(self._drawn):  # to write the models takes long
+            self._drawn = drawn
+            self.set_randomization(scale)
 
 
 def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, robot: Robot, domain: Domain) -> None:

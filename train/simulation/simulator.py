@@ -38,6 +38,7 @@ class Simulator(Protocol):
 
     num_envs: int
     generator: torch.Generator
+    episodes: torch.Generator
     randomization: float
     domain: Domain
 

@@ -1,0 +1,104 @@
+"""Pairs of robots: the same disturbances for both, and both where the leader is."""
+
+import pytest
+import torch
+
+from tests.train.worlds import CONSTANT, small_env
+from train.environment.paired import PairedEnv
+from train.interface import StepResult
+
+STEPS = 4
+DISTURBED = {
+    "randomization_scale": CONSTANT,
+    "observation_noise": {"base_ang_vel": 0.3, "dof_pos": 0.02},
+    "push": {"velocity_m_s": 0.3, "interval_s": [0.02, 0.1]},
+    "start": {"joint_noise_rad": 0.02, "tilt_noise_rad": 0.05, "velocity_noise": 0.1},
+    "randomization": {"com_xy_m": 0.05, "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]},
+}
+
+
+def paired(*, steps: int = STEPS, **changes: object) -> PairedEnv:
+    leaders, twins = (small_env(num_envs=3, **(DISTURBED | changes)) for _ in range(2))
+    return PairedEnv(leaders, twins, steps)
+
+
+def halves(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    first, second = values.chunk(2)
+    return first, second
+
+
+def noise(seed: int = 0, std: float = 0.3) -> torch.Tensor:
+    return std * torch.randn(3, 23, generator=torch.Generator().manual_seed(seed))
+
+
+def same(action: torch.Tensor) -> torch.Tensor:
+    return torch.cat([action, action])
+
+
+def test_twins_that_do_the_same_meet_the_same():
+    env = paired()
+    for step in range(10):
+        result = env.step(same(noise(step)))
+        for values in (result.rewards, result.terminated, *result.observations.values()):
+            assert torch.equal(*halves(values))
+
+
+def test_the_leaders_are_the_environment_without_twins():
+    env, alone = paired(), small_env(num_envs=3, **DISTURBED)
+    env.reset(), alone.reset()
+    for step in range(10):
+        result, expected = env.step(torch.cat([noise(step), -noise(step)])), alone.step(noise(step))
+        assert torch.equal(result.rewards[:3], expected.rewards)
+        assert torch.equal(result.observations["actor"][:3], expected.observations["actor"])
+        assert result.log == expected.log
+
+
+def test_an_end_on_one_side_leaves_the_others_disturbances_alone():
+    """The first twin ends at once (it is too far from its reference); the other rows go on alike, noise included."""
+    env = paired(error_limit_m=CONSTANT | dict.fromkeys(("start", "easy", "hard"), 0.5))
+    env._twins.simulator._state[0, 3] += 1.0
+    first = env.step(same(noise()))
+    assert first.terminated.tolist() == [False, False, False, True, False, False]
+    for step in range(2):
+        leaders, twins = halves(env.step(same(noise(step))).observations["actor"])
+        assert torch.equal(leaders[1:], twins[1:]) and not torch.equal(leaders[0], twins[0])
+
+
+def test_twins_part_and_come_back():
+    """They time out with their own last state, which differs, and go on from their leaders'."""
+    env = paired()
+    results: list[StepResult] = [env.step(torch.cat([noise(step), -noise(step)])) for step in range(STEPS)]
+    for result in results[:-1]:
+        assert not torch.equal(*halves(result.observations["critic"])) and not result.timed_out.any()
+    last = results[-1]
+    assert last.timed_out.tolist() == [False] * 3 + [True] * 3
+    assert torch.equal(*halves(last.observations["actor"])) and torch.equal(*halves(last.observations["critic"]))
+    again = paired()
+    for step in range(STEPS - 1):
+        again.step(torch.cat([noise(step), -noise(step)]))
+    own = again._twins.step(-noise(STEPS - 1)).observations["critic"]
+    assert torch.equal(last.final_critic_obs, own)
+
+
+def test_a_clip_that_ends_as_twins_come_back_keeps_both_last_states():
+    """One second is 50 steps."""
+    env = paired(start={"first_frame": 1.0}, push={"velocity_m_s": 0.0}, steps=50)
+    for _ in range(49):
+        env.step(same(noise(std=0.0)))
+    result = env.step(same(noise(std=0.0)))
+    assert result.timed_out.all() and len(result.final_critic_obs) == 6
+    assert torch.equal(*halves(result.final_critic_obs)) and torch.equal(*halves(result.observations["critic"]))
+    assert not torch.equal(result.final_critic_obs, result.observations["critic"])
+
+
+@pytest.mark.parametrize("steps", [STEPS, STEPS + 1])
+def test_a_resumed_pair_goes_on_alike(steps):
+    first, second = paired(), paired(start={"first_frame": 0.5})
+    for step in range(steps):
+        first.step(torch.cat([noise(step), -noise(step)]))
+    second.step(same(noise()))
+    second.load_state_dict(first.state_dict())
+    for step in range(STEPS + 1):
+        action = torch.cat([noise(step), -noise(step)])
+        a, b = first.step(action), second.step(action)
+        assert torch.equal(a.rewards, b.rewards) and torch.equal(a.observations["actor"], b.observations["actor"])

@@ -1,0 +1,89 @@
+"""Pairs of robots that differ in nothing but what they are told to do."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from train.environment.tracking import TrackingEnv
+from train.interface import StepResult
+
+
+class PairedEnv:
+    """Environments whose second half, row by row, is a twin of the first.
+
+    A twin is where its leader is, every ``steps`` steps anew, and meets the same disturbances: pushes, noise of sensors
+    and torques, and whatever was drawn for the robot or its episode. What differs between their returns comes from
+    their actions alone (common random numbers: Ng and Jordan, "PEGASUS", UAI 2000). A twin's episode times out where
+    it goes back to its leader. Curricula, tolerances and figures are those of the leaders.
+
+    Args:
+        leaders, twins: two environments built alike.
+        steps: see above.
+    """
+
+    def __init__(self, leaders: TrackingEnv, twins: TrackingEnv, steps: int) -> None:
+        self._leaders, self._twins, self._steps, self._together = leaders, twins, steps, 0
+        self.num_envs, self.num_actions = 2 * leaders.num_envs, leaders.num_actions
+        self.actor_obs_dim, self.critic_obs_dim = leaders.actor_obs_dim, leaders.critic_obs_dim
+        self.phase_knots, self.reward_names = leaders.phase_knots, leaders.reward_names
+        self._follow()
+
+    def reset(self) -> dict[str, torch.Tensor]:
+        """Begin a new episode in every environment; return its observations."""
+        observations = self._leaders.reset()
+        self._follow()
+        return _joined(observations, observations)
+
+    def step(self, actions: torch.Tensor) -> StepResult:
+        """Advance by one control period with raw actions (B, J)."""
+        first, second = actions.chunk(2)
+        led, twin = self._leaders.step(first), self._twins.step(second)
+        self._together += 1
+        if self._together == self._steps:
+            twin = _cut(twin)
+            self._follow()
+        return StepResult(
+            _joined(led.observations, led.observations if self._together == 0 else twin.observations),
+            torch.cat([led.rewards, twin.rewards]),
+            torch.cat([led.terminated, twin.terminated]),
+            torch.cat([led.timed_out, twin.timed_out]),
+            torch.cat([led.final_critic_obs, twin.final_critic_obs]),
+            led.log,
+        )
+
+    def finish_iteration(self) -> None:
+        """See :class:`train.interface.TrackingEnv`."""
+        for env in (self._leaders, self._twins):
+            env.finish_iteration()
+
+    def _follow(self) -> None:
+        self._twins.load_state_dict(self._leaders.state_dict())
+        self._together = 0
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a continued run needs."""
+        return {
+            "leaders": self._leaders.state_dict(), "twins": self._twins.state_dict(), "together": self._together,
+        }  # fmt: skip
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` returned."""
+        self._leaders.load_state_dict(state["leaders"])
+        self._twins.load_state_dict(state["twins"])
+        self._together = state["together"]
+
+
+def _joined(first: Mapping[str, torch.Tensor], second: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    return {name: torch.cat([first[name], second[name]]) for name in first}
+
+
+def _cut(result: StepResult) -> StepResult:
+    """The same step with a time-out of every episode that has not ended."""
+    going = ~(result.terminated | result.timed_out)
+    timed_out = result.timed_out | going
+    critic_obs = result.observations["critic"].clone()
+    critic_obs[result.timed_out] = result.final_critic_obs
+    return StepResult(
+        result.observations, result.rewards, result.terminated, timed_out, critic_obs[timed_out], result.log
+    )
