@@ -192,6 +192,14 @@ def test_critic_is_normalized_by_what_it_saw_only_after_learning():
     assert not torch.equal(learner.critic.normalizer.mean, first)
 
 
+def test_critic_sees_bare_numbers_where_the_environment_gives_no_phase():
+    env = PointMassEnv()
+    env.phase_knots = 0
+    critic = make_learner(env).critic
+    seen = env.reset()["critic"]
+    assert critic.normalizer is None and torch.equal(critic.inputs(seen), seen)
+
+
 def test_actor_and_critic_learn_from_returns_of_their_own_lambda():
     env = PointMassEnv()
     learner = make_learner(env, "learner.gamma=0.9", "learner.lam=0.0", "learner.critic_lam=1.0", "learner.epochs=1")

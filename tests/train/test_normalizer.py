@@ -48,6 +48,16 @@ def test_forgets_slowly_and_keeps_what_it_does_not_see_again():
     torch.testing.assert_close(network.usual, torch.tensor([[usual], [12.0]]))
 
 
+def test_the_spread_about_the_usual_is_remembered_as_each_update_saw_it():
+    """Squares of 1 about 2 and 12, four; then, as 22 makes ``usual`` the first knot's new value, one square of that."""
+    network = PhaseNormalizer(3, 2)
+    network.update(SEEN)
+    network.update(torch.tensor([[22.0, 1.0, 0.0]]))
+    usual = (2.0 * PHASE_MEMORY * 2.0 + 22.0) / (2.0 * PHASE_MEMORY + 1.0)
+    squares, count = PHASE_MEMORY * 4.0 + (22.0 - usual) ** 2, PHASE_MEMORY * 4.0 + 1.0
+    assert float(network.spread_off) == pytest.approx(math.sqrt(squares / count), rel=1e-5)
+
+
 def test_a_knot_that_was_never_seen_has_the_mean_of_all():
     network = PhaseNormalizer(3, 2)
     network.update(SEEN[:2])

@@ -12,8 +12,9 @@ class PhaseNormalizer(nn.Module):
     """An observation (..., n), normalised, and beside it how far it is off what is usual at its phase.
 
     What a state is worth hangs on centimetres and tenths of a radian off a motion that itself moves by half a metre
-    and a radian: a network that sees only where things are takes long to tell. The identity (with a second copy)
-    until the first update; each update then counts for the share 1 - ``PHASE_MEMORY`` of what is known.
+    and a radian: a network that sees only where things are takes long to tell. Until the first update both are
+    the observation itself; each update then counts for the share 1 - ``PHASE_MEMORY`` of what is known. Both are
+    clipped to ±``INPUT_CLIP``.
 
     Args:
         size: n.
