@@ -138,15 +138,15 @@ def environment_of(setup: Setup) -> TrackingEnv:
     config = setup.config
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
 
-    def robots(count: int, threads: int) -> SingleEnv:
+    def robots(count: int) -> SingleEnv:
         return build_environment(
-            config.environment, setup.robot, reference, num_envs=count, seed=config.seed, threads=threads
+            config.environment, setup.robot, reference, num_envs=count, seed=config.seed, threads=config.threads
         )
 
     if config.learner.paired_steps is None:
-        return robots(config.num_envs, config.threads)
-    leaders, twins = (robots(config.num_envs // 2, max(1, config.threads // 2)) for _ in range(2))
-    return PairedEnv(leaders, twins, config.learner.paired_steps, at_once=config.threads > 1)
+        return robots(config.num_envs)
+    half = config.num_envs // 2
+    return PairedEnv(robots(half), robots(half), config.learner.paired_steps)
 
 
 def _new_run_dir(config: TrainConfig) -> Path:

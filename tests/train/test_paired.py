@@ -6,7 +6,6 @@ import torch
 from tests.train.worlds import CONSTANT, small_env
 from train.environment.paired import PairedEnv
 from train.interface import StepResult
-from train.nan_guard import NonFiniteError
 
 STEPS = 4
 DISTURBED = {
@@ -18,9 +17,9 @@ DISTURBED = {
 }
 
 
-def paired(*, steps: int = STEPS, at_once: bool = True, **changes: object) -> PairedEnv:
+def paired(*, steps: int = STEPS, **changes: object) -> PairedEnv:
     leaders, twins = (small_env(num_envs=3, **(DISTURBED | changes)) for _ in range(2))
-    return PairedEnv(leaders, twins, steps, at_once=at_once)
+    return PairedEnv(leaders, twins, steps)
 
 
 def halves(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -52,24 +51,6 @@ def test_the_leaders_are_the_environment_without_twins():
         assert torch.equal(result.rewards[:3], expected.rewards)
         assert torch.equal(result.observations["actor"][:3], expected.observations["actor"])
         assert result.log == expected.log
-
-
-def test_both_at_once_gives_the_same_numbers():
-    threads = torch.get_num_threads()
-    first, second = paired(at_once=True), paired(at_once=False)
-    for step in range(STEPS + 1):
-        action = torch.cat([noise(step), -noise(step)])
-        a, b = first.step(action), second.step(action)
-        assert torch.equal(a.rewards, b.rewards) and torch.equal(a.observations["actor"], b.observations["actor"])
-    assert torch.get_num_threads() == threads
-
-
-@pytest.mark.parametrize("broken", [0, 1])
-def test_physics_that_diverges_on_either_side_stops_the_step(broken):
-    env = paired()
-    (env._leaders, env._twins)[broken].simulator._state[:2, 3] = torch.nan
-    with pytest.raises(NonFiniteError):
-        env.step(same(noise()))
 
 
 def test_an_end_on_one_side_leaves_the_others_disturbances_alone():

@@ -1,8 +1,6 @@
 """Pairs of robots that differ in nothing but what they are told to do."""
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import partial
 from typing import Any
 
 import torch
@@ -22,12 +20,10 @@ class PairedEnv:
     Args:
         leaders, twins: two environments built alike.
         steps: see above.
-        at_once: whether both step at once, on a core each, for the same numbers sooner.
     """
 
-    def __init__(self, leaders: TrackingEnv, twins: TrackingEnv, steps: int, *, at_once: bool) -> None:
+    def __init__(self, leaders: TrackingEnv, twins: TrackingEnv, steps: int) -> None:
         self._leaders, self._twins, self._steps, self._together = leaders, twins, steps, 0
-        self._beside = ThreadPoolExecutor(1, initializer=partial(torch.set_num_threads, 1)) if at_once else None
         self.num_envs, self.num_actions = 2 * leaders.num_envs, leaders.num_actions
         self.actor_obs_dim, self.critic_obs_dim = leaders.actor_obs_dim, leaders.critic_obs_dim
         self.phase_knots, self.reward_names = leaders.phase_knots, leaders.reward_names
@@ -41,7 +37,8 @@ class PairedEnv:
 
     def step(self, actions: torch.Tensor) -> StepResult:
         """Advance by one control period with raw actions (B, J)."""
-        led, twin = self._step_both(*actions.chunk(2))
+        first, second = actions.chunk(2)
+        led, twin = self._leaders.step(first), self._twins.step(second)
         self._together += 1
         if self._together == self._steps:
             twin = _cut(twin)
@@ -54,19 +51,6 @@ class PairedEnv:
             torch.cat([led.final_critic_obs, twin.final_critic_obs]),
             led.log,
         )
-
-    def _step_both(self, first: torch.Tensor, second: torch.Tensor) -> tuple[StepResult, StepResult]:
-        if self._beside is None:
-            return self._leaders.step(first), self._twins.step(second)
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        pending = self._beside.submit(self._twins.step, second)
-        try:
-            led = self._leaders.step(first)
-        finally:
-            wait([pending])
-            torch.set_num_threads(threads)
-        return led, pending.result()
 
     def finish_iteration(self) -> None:
         """See :class:`train.interface.TrackingEnv`."""
