@@ -38,17 +38,18 @@ try:
         from robot.errors import InputError
         from robot.kinematics import Kinematics
         from robot.outputs import check_output_file, write_json
+        from train import interface
         from train.base_action.build import base_action_of
         from train.config import compose_document
-        from train.environment.factory import build_environment
         from train.environment.observations import Observations
+        from train.environment.paired import PairedEnv
         from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.learner.build import build_learner
         from train.learner.ppo import Ppo
         from train.nan_guard import NanGuard
         from train.progress import Progress
         from train.runner import Budget, Runner
-        from train.session import Setup, new_setup
+        from train.session import Setup, environment_of, new_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
@@ -67,7 +68,7 @@ PHASES: dict[str, tuple[tuple[type, str], ...]] = {
         (Observations, "push"),
         (Observations, "restart"),
     ),
-    "rest of stepping": ((TrackingEnv, "step"),),
+    "rest of stepping": ((TrackingEnv, "step"), (PairedEnv, "step")),
     "learner: act": ((Ppo, "act"), (Ppo, "record")),
     "learner: update": ((Ppo, "update"),),
     "NaN guard": ((NanGuard, "begin"), (NanGuard, "step")),
@@ -122,7 +123,7 @@ class Stopwatch:
 class Stepping:
     """The environment without a learner, and the physics inside it alone, on equal inputs."""
 
-    def __init__(self, env: TrackingEnv, base: torch.nn.Module | None, seed: int) -> None:
+    def __init__(self, env: interface.TrackingEnv, base: torch.nn.Module | None, seed: int) -> None:
         self._env, self._base = env, base
         self._generator = torch.Generator().manual_seed(seed)
         self._observations: Mapping[str, torch.Tensor] = env.reset()
@@ -202,14 +203,8 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     # What is aimed at, and how the estimate was fitted, takes no time in the loop.
     aim = replace(config, base_action=replace(config.base_action, aim="reference"))
     base = base_action_of(aim, setup.robot, reference, fit=False, progress=lambda line: None)
-
-    def build(seed: int) -> TrackingEnv:
-        return build_environment(
-            config.environment, setup.robot, reference, num_envs=config.num_envs, seed=seed, threads=config.threads
-        )
-
-    env, watch = build(config.seed), Stopwatch()
-    turns = Turns(Stepping(build(config.seed), base, config.seed), watch, config.learner.horizon, seconds)
+    env, watch = environment_of(setup), Stopwatch()
+    turns = Turns(Stepping(environment_of(setup), base, config.seed), watch, config.learner.horizon, seconds)
     setup.run_dir.mkdir(exist_ok=True)
     with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
         progress = Progress(setup.run_dir, console=nowhere)

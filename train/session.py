@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ from train.environment.evaluator import NoisyStartEvaluator
 from train.environment.factory import build_environment
 from train.environment.paired import PairedEnv
 from train.environment.tracking import CONTROL_PERIOD_S
-from train.environment.tracking import TrackingEnv as SingleEnv
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
@@ -137,16 +137,11 @@ def environment_of(setup: Setup) -> TrackingEnv:
     """The environment that a run trains in, at its beginning."""
     config = setup.config
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-
-    def robots(count: int) -> SingleEnv:
-        return build_environment(
-            config.environment, setup.robot, reference, num_envs=count, seed=config.seed, threads=config.threads
-        )
-
+    build = partial(build_environment, config.environment, setup.robot, reference, seed=config.seed)
     if config.learner.paired_steps is None:
-        return robots(config.num_envs)
-    half = config.num_envs // 2
-    return PairedEnv(robots(half), robots(half), config.learner.paired_steps)
+        return build(num_envs=config.num_envs, threads=config.threads)
+    leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
+    return PairedEnv(leaders, twins, config.learner.paired_steps)
 
 
 def _new_run_dir(config: TrainConfig) -> Path:
