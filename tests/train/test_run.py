@@ -20,7 +20,10 @@ from train.checkpoint import save_state
 from train.run import main
 
 RUN = Path(__file__).parents[2] / "train" / "run.py"
-SHORT = ("motion=stand", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
+SHORT = (
+    "motion=stand", "num_envs=4", "learner.horizon=4", "learner.paired_steps=2", "base_action.kind=none", "seed=1",
+    "threads=1",
+)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

@@ -33,7 +33,14 @@ def run_dir(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     clip = folder / "sway <&>.npz"
     save_clip(swaying_clip(g1(), SECONDS), clip)
-    small = ("num_envs=4", "learner.horizon=4", "base_action.kind=none", "threads=1", "precision=fp32")
+    small = (
+        "num_envs=4",
+        "learner.horizon=4",
+        "learner.paired_steps=2",
+        "base_action.kind=none",
+        "threads=1",
+        "precision=fp32",
+    )
     run_dir = folder / "run"
     arguments = (
         f"motion={clip}",
