@@ -143,10 +143,10 @@ def main(arguments: list[str]) -> int:
             seen.append(batches.gradients(options.lam))
             print(f"batch {number + 1} of {options.batches}", file=sys.stderr, flush=True)
         gradients = {name: torch.stack([batch[name] for batch in seen]) for name in seen[0]}
-        print(f"{'λ':14}{'signal':>8}{'aim':>8}")
+        print(f"{'λ':14} {'signal':>8} {'aim':>8}")
         for name in gradients:
             signal, aim = signal_and_aim(gradients[name], gradients[MONTE_CARLO])
-            print(f"{name:14}{signal:8.3f}{aim:8.3f}")
+            print(f"{name:14} {signal:8.3f} {aim:8.3f}")
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -123,7 +123,8 @@ class Deviation(nn.Module):
         """
         averages, clues, action = self.parts(observation, phase)
         drift = clues[:, clues.shape[1] - self.drift_size :]
-        return torch.cat([averages + clues @ self.correction, action], dim=1), drift
+        correction = (clues.double() @ self.correction.double()).float()
+        return torch.cat([averages + correction, action], dim=1), drift
 
     def parts(self, observation: torch.Tensor, phase: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Averages (B, 3+3+J+J), the clues (B, C) that may correct them, and the last action's deviation (B, J)."""

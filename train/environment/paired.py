@@ -5,17 +5,17 @@ from typing import Any
 
 import torch
 
-from train.environment.tracking import TrackingEnv
+from train.environment.tracking import TrackingEnv, robots_of
 from train.interface import StepResult
 
 
 class PairedEnv:
     """Environments whose second half, row by row, is a twin of the first.
 
-    A twin is where its leader is, every ``steps`` steps anew, and meets the same disturbances: pushes, noise of sensors
-    and torques, and whatever was drawn for the robot or its episode. What differs between their returns comes from
-    their actions alone (common random numbers: Ng and Jordan, "PEGASUS", UAI 2000). A twin's episode times out where
-    it goes back to its leader. Curricula, tolerances and figures are those of the leaders.
+    A twin is where its leader is, every ``steps`` steps and after each end of one of the two anew, and meets the same
+    disturbances: pushes, noise of sensors and torques, and whatever was drawn for the robot or its episode. What differs
+    between their returns comes from their actions alone (common random numbers: Ng and Jordan, "PEGASUS", UAI 2000).
+    A twin's episode times out where it goes back to its leader. Curricula, tolerances and figures are the leaders'.
 
     Args:
         leaders, twins: two environments built alike.
@@ -27,24 +27,29 @@ class PairedEnv:
         self.num_envs, self.num_actions = 2 * leaders.num_envs, leaders.num_actions
         self.actor_obs_dim, self.critic_obs_dim = leaders.actor_obs_dim, leaders.critic_obs_dim
         self.phase_knots, self.reward_names = leaders.phase_knots, leaders.reward_names
-        self._follow()
+        self._everyone = torch.ones(leaders.num_envs, dtype=torch.bool)
+        self._follow(self._everyone)
 
     def reset(self) -> dict[str, torch.Tensor]:
         """Begin a new episode in every environment; return its observations."""
         observations = self._leaders.reset()
-        self._follow()
+        self._follow(self._everyone)
+        self._together = 0
         return _joined(observations, observations)
 
     def step(self, actions: torch.Tensor) -> StepResult:
         """Advance by one control period with raw actions (B, J)."""
         first, second = actions.chunk(2)
         led, twin = self._leaders.step(first), self._twins.step(second)
-        self._together += 1
-        if self._together == self._steps:
-            twin = _cut(twin)
-            self._follow()
+        self._together = (self._together + 1) % self._steps
+        apart = led.terminated | led.timed_out | twin.terminated | twin.timed_out
+        if self._together == 0:
+            apart = self._everyone
+        if apart.any():
+            twin = _cut(twin, apart, led.observations)
+            self._follow(apart)
         return StepResult(
-            _joined(led.observations, led.observations if self._together == 0 else twin.observations),
+            _joined(led.observations, twin.observations),
             torch.cat([led.rewards, twin.rewards]),
             torch.cat([led.terminated, twin.terminated]),
             torch.cat([led.timed_out, twin.timed_out]),
@@ -57,9 +62,12 @@ class PairedEnv:
         for env in (self._leaders, self._twins):
             env.finish_iteration()
 
-    def _follow(self) -> None:
-        self._twins.load_state_dict(self._leaders.state_dict())
-        self._together = 0
+    def _follow(self, rows: torch.Tensor) -> None:
+        """Take the twins of ``rows`` (B/2,) bool back to their leaders; leaders also say what is nobody's own."""
+        state = self._leaders.state_dict()
+        for its, own in zip(robots_of(state), robots_of(self._twins.state_dict()), strict=True):
+            its[~rows] = own[~rows]
+        self._twins.load_state_dict(state)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs."""
@@ -78,12 +86,12 @@ def _joined(first: Mapping[str, torch.Tensor], second: Mapping[str, torch.Tensor
     return {name: torch.cat([first[name], second[name]]) for name in first}
 
 
-def _cut(result: StepResult) -> StepResult:
-    """The same step with a time-out of every episode that has not ended."""
-    going = ~(result.terminated | result.timed_out)
-    timed_out = result.timed_out | going
-    critic_obs = result.observations["critic"].clone()
-    critic_obs[result.timed_out] = result.final_critic_obs
-    return StepResult(
-        result.observations, result.rewards, result.terminated, timed_out, critic_obs[timed_out], result.log
-    )
+def _cut(result: StepResult, rows: torch.Tensor, following: Mapping[str, torch.Tensor]) -> StepResult:
+    """The same step with a time-out of those episodes of ``rows`` (B,) bool that go on, where others follow."""
+    timed_out = result.timed_out | (rows & ~result.terminated)
+    last = result.observations["critic"].clone()
+    last[result.timed_out] = result.final_critic_obs
+    observations = {
+        name: torch.where(rows[:, None], following[name], own) for name, own in result.observations.items()
+    }
+    return StepResult(observations, result.rewards, result.terminated, timed_out, last[timed_out], result.log)

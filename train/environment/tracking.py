@@ -291,6 +291,12 @@ _BUFFERS = (
 )  # fmt: skip
 
 
+def robots_of(state: dict[str, Any]) -> list[torch.Tensor]:
+    """Those tensors (B, ...) of an environment's state that hold a row for each robot."""
+    simulator = [value for value in state["simulator"].values() if value.dim()]
+    return [*simulator, *state["buffers"].values(), *state["bodies"]]
+
+
 def _write_rows(tables: Iterable[torch.Tensor], rows: torch.Tensor, values: Iterable[torch.Tensor]) -> None:
     for table, value in zip(tables, values):
         table[rows] = value
