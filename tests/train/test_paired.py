@@ -56,15 +56,16 @@ def test_the_leaders_are_the_environment_without_twins():
 @pytest.mark.parametrize("who", ["_leaders", "_twins"])
 def test_an_end_of_one_brings_both_together(who):
     """It is too far from its reference. Its pair goes on from where the leader is, the other pairs stay apart."""
-    env, undisturbed = (paired(error_limit_m=CONSTANT | dict.fromkeys(("start", "easy", "hard"), 0.5)) for _ in range(2))
-    env.step(torch.cat([noise(), -noise()])), undisturbed.step(torch.cat([noise(), -noise()]))
+    limit = CONSTANT | dict.fromkeys(("start", "easy", "hard"), 0.5)
+    env, undisturbed = paired(error_limit_m=limit), paired(error_limit_m=limit)
+    for e in (env, undisturbed):
+        e.step(torch.cat([noise(), -noise()]))
     getattr(env, who).simulator._state[0, 3] += 1.0
     result, expected = (e.step(torch.cat([noise(1), -noise(1)])) for e in (env, undisturbed))
     assert result.terminated.tolist() == [who == "_leaders", False, False, who == "_twins", False, False]
     assert result.timed_out.tolist() == [False, False, False, who == "_leaders", False, False]
-    twin_before = expected.observations["critic"][3]
     if who == "_leaders":
-        assert torch.equal(result.final_critic_obs[0], twin_before)
+        assert torch.equal(result.final_critic_obs[0], expected.observations["critic"][3])
     for step in range(2):
         for name, values in result.observations.items():
             (leader, *leaders), (twin, *twins) = halves(values)
@@ -72,7 +73,7 @@ def test_an_end_of_one_brings_both_together(who):
             assert torch.equal(leader, twin)
             assert all(map(torch.equal, [*leaders, *twins], [*other_leaders, *other_twins]))
             assert not any(map(torch.equal, leaders, twins))
-        result, expected = (e.step(torch.cat([same(noise(step))])) for e in (env, undisturbed))
+        result, expected = (e.step(same(noise(step))) for e in (env, undisturbed))
 
 
 def test_twins_part_and_come_back():

@@ -13,9 +13,10 @@ class PairedEnv:
     """Environments whose second half, row by row, is a twin of the first.
 
     A twin is where its leader is, every ``steps`` steps and after each end of one of the two anew, and meets the same
-    disturbances: pushes, noise of sensors and torques, and whatever was drawn for the robot or its episode. What differs
-    between their returns comes from their actions alone (common random numbers: Ng and Jordan, "PEGASUS", UAI 2000).
-    A twin's episode times out where it goes back to its leader. Curricula, tolerances and figures are the leaders'.
+    disturbances: pushes, noise of sensors and torques, and whatever was drawn for the robot or its episode. What
+    differs between their returns comes from their actions alone (common random numbers: Ng and Jordan, "PEGASUS", UAI
+    2000). A twin's episode times out where it goes back to its leader. Curricula, tolerances and figures are the
+    leaders'.
 
     Args:
         leaders, twins: two environments built alike.
@@ -91,7 +92,5 @@ def _cut(result: StepResult, rows: torch.Tensor, following: Mapping[str, torch.T
     timed_out = result.timed_out | (rows & ~result.terminated)
     last = result.observations["critic"].clone()
     last[result.timed_out] = result.final_critic_obs
-    observations = {
-        name: torch.where(rows[:, None], following[name], own) for name, own in result.observations.items()
-    }
+    observations = {name: torch.where(rows[:, None], following[name], own) for name, own in result.observations.items()}
     return StepResult(observations, result.rewards, result.terminated, timed_out, last[timed_out], result.log)
