@@ -92,6 +92,24 @@ def test_twins_part_and_come_back():
     assert torch.equal(last.final_critic_obs, own)
 
 
+def test_reset_brings_all_together_for_as_long_as_at_the_beginning():
+    env = paired()
+    env.step(torch.cat([noise(), -noise()]))
+    assert all(torch.equal(*halves(values)) for values in env.reset().values())
+    ends = [env.step(same(noise(step))).timed_out.any().item() for step in range(STEPS)]
+    assert ends == [False] * (STEPS - 1) + [True]
+
+
+def test_both_halves_change_between_iterations():
+    """Every step moves the randomisation's width by half, which iterations hand over to the robots."""
+    env = paired(randomization_scale={"start": 0.1, "easy": 0.1, "hard": 1.0, "factor": 0.5, "driver": "always"})
+    for step in range(STEPS):
+        env.step(same(noise(step)))
+    env.finish_iteration()
+    assert env._leaders.simulator.randomization == env._twins.simulator.randomization > 0.4
+    assert torch.equal(*halves(env.step(same(noise())).observations["critic"]))
+
+
 def test_a_clip_that_ends_as_twins_come_back_keeps_both_last_states():
     """One second is 50 steps."""
     env = paired(start={"first_frame": 1.0}, push={"velocity_m_s": 0.0}, steps=50)
