@@ -120,6 +120,30 @@ def test_scale_zero_is_the_nominal_robot():
     assert np.array_equal(sim._models[1].actuator_gainprm, sim._nominal_model.actuator_gainprm)
 
 
+def test_a_share_of_the_robots_is_nominal_and_the_rest_as_without_it():
+    everything = {
+        "friction": (0.6, 0.9), "kp_scale": (0.9, 0.95), "kd_scale": (0.9, 0.95), "mass_scale": (0.9, 0.95),
+        "inertia_scale": (0.9, 0.95), "com_xy_m": 0.05, "com_z_m": 0.01, "torque_noise": 0.05, "torque_offset": 0.05,
+        "delay_s": (0.02, 0.04),
+    }  # fmt: skip
+    sims = [simulator(DomainRanges(**everything, nominal_share=share), num_envs=4) for share in (0.5, 0.0, 1.0)]
+    target = torch.tensor(g1().default_pos_rad).float().repeat(4, 1)
+    for sim in sims:
+        sim.reset(torch.arange(4), *standing(4))
+        sim.step(target)
+    half, none, all_of_them = sims
+    assert half.delay_s[:2].tolist() == [0.0, 0.0] and none.delay_s.min() >= 0.02
+    for part, like in ((slice(0, 2), all_of_them), (slice(2, 4), none)):
+        assert torch.equal(half.delay_s[part], like.delay_s[part])
+        assert torch.equal(half.state().joint_vel_rad_s[part], like.state().joint_vel_rad_s[part])
+        for name, values in vars(half.domain).items():
+            assert torch.equal(values[part], vars(like.domain)[name][part])
+    nominal = simulator(num_envs=4)
+    nominal.reset(torch.arange(4), *standing(4))
+    nominal.step(target)
+    assert torch.equal(nominal.state().joint_vel_rad_s, all_of_them.state().joint_vel_rad_s)
+
+
 def test_the_same_seed_gives_the_same_numbers_and_state_restores_them():
     ranges = DomainRanges(friction=(0.6, 1.1), torque_noise=0.05, torque_offset=0.05, delay_s=(0.0, 0.04))
     target = torch.tensor(g1().default_pos_rad).float().repeat(3, 1)

@@ -39,6 +39,7 @@ class NoisyStartEvaluator:
         fixed = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
         common = replace(
             settings,
+            randomization=replace(settings.randomization, nominal_share=0.0),
             start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
             termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
         )

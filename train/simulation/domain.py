@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 
 from robot.robot import Robot
-from train.structured import at_least, ordered, positive
+from train.structured import at_least, ordered, positive, within
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class DomainRanges:
     ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
     control delay, drawn per episode, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
     sliding friction of foot on ground; ``inertia_of`` names the links whose inertia differs: all that masses differ of,
-    or the ankles.
+    or the ankles; ``nominal_share`` of the environments are nominal in all of this.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)
@@ -25,6 +25,7 @@ class DomainRanges:
     mass_scale: tuple[float, float] = (1.0, 1.0)
     inertia_scale: tuple[float, float] = (1.0, 1.0)
     inertia_of: Literal["all", "ankles"] = "all"
+    nominal_share: float = 0.0
     com_xy_m: float = 0.0
     com_z_m: float = 0.0
     torque_noise: float = 0.0
@@ -40,6 +41,7 @@ class DomainRanges:
             ordered(f"{where}.{name}", getattr(self, name))
         for name in ("friction", "mass_scale", "inertia_scale"):
             positive(f"{where}.{name}[0]", getattr(self, name)[0])
+        within(f"{where}.nominal_share", self.nominal_share, 0.0, 1.0)
         for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
 
@@ -58,10 +60,10 @@ class Domain:
     inertia_scale: torch.Tensor
     com_offset_m: torch.Tensor
 
-    def towards(self, nominal: "Domain", scale: float) -> "Domain":
-        """Return nominal + scale·(self − nominal), term by term."""
+    def towards(self, nominal: "Domain", scale: torch.Tensor) -> "Domain":
+        """Return nominal + scale·(self − nominal), term by term, with a scale (B,) for each environment."""
         pairs = ((getattr(nominal, f.name), getattr(self, f.name)) for f in fields(self))
-        return Domain(*(n + scale * (drawn - n) for n, drawn in pairs))
+        return Domain(*(n + scale.view(-1, *[1] * (n.dim() - 1)) * (drawn - n) for n, drawn in pairs))
 
     def equals(self, other: "Domain") -> bool:
         """Whether every number is the same."""

@@ -80,6 +80,7 @@ class MujocoCpuSimulator:
             model.dof_frictionloss[:] = 0.0
         self._nominal_model = model
         self._nominal = nominal_domain(num_envs, robot)
+        self._differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
         self._drawn = draw_domain(num_envs, robot, ranges, generator)
         self._models = [copy.copy(model) for _ in range(num_envs)]
         self._rollout = Rollout(nthread=threads)
@@ -105,9 +106,9 @@ class MujocoCpuSimulator:
         self._fresh = torch.ones(envs, dtype=torch.bool)
 
     def set_randomization(self, scale: float) -> None:
-        """Move every environment's model to nominal + scale·(drawn − nominal)."""
+        """Move the model of every environment that differs to nominal + scale·(drawn − nominal)."""
         self.randomization = scale
-        self.domain = self._drawn.towards(self._nominal, scale)
+        self.domain = self._drawn.towards(self._nominal, scale * self._differs)
         _write_models(self._models, self._nominal_model, self._robot, self.domain)
 
     @property
@@ -124,13 +125,14 @@ class MujocoCpuSimulator:
 
     def _draw_episode(self, env_ids: torch.Tensor) -> None:
         count, ranges, joints = len(env_ids), self._ranges, self._robot.num_joints
-        delay = torch.round(self._draw_delay(count) * self.randomization / self._substep_s)
+        differs = self._differs[env_ids, None]
+        delay = torch.round(self._draw_delay(count) * differs[:, 0] * self.randomization / self._substep_s)
         late = delay[:, None] - torch.arange(self._substeps)  # sub-steps until the newest command arrives
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
         offset = uniform((count, joints), -1.0, 1.0, self.episodes) * ranges.torque_offset
-        self._torque_offset[env_ids] = offset * self._torque_limit
+        self._torque_offset[env_ids] = offset * differs * self._torque_limit
         noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
-        self._torque_noise[env_ids] = noise
+        self._torque_noise[env_ids] = noise * differs[..., None]
 
     def _draw_delay(self, count: int) -> torch.Tensor:
         """Control delays (count,), seconds: anything in the range, or its whole control steps."""
