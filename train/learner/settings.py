@@ -77,6 +77,7 @@ class LearnerSettings:
             raise InputError(
                 "does not divide the horizon", where="learner.paired_steps", got=self.paired_steps,
                 expected=f"a divisor of learner.horizon, {self.horizon}",
+                hint="learner.paired_steps=null trains without twins",
             )  # fmt: skip
         at_least("learner.kl_factor", self.kl_factor, 1.0)
         if self.critic_learning_rate is not None:
