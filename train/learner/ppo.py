@@ -51,14 +51,21 @@ class Rates:
 
     value: float
     settings: LearnerSettings
+    iterations: int = 0
+
+    @property
+    def kl_target(self) -> float:
+        """Steps shrink as 1/iteration does (Robbins and Monro, 1951), which ends what chance does to the weights."""
+        s = self.settings
+        return s.kl_target if s.kl_decay is None else s.kl_target / (1.0 + self.iterations / s.kl_decay)
 
     def adapt(self, kl: float) -> None:
         """Move the rate after an observed divergence."""
         s = self.settings
         low, high = s.learning_rate_range
-        if kl > 2.0 * s.kl_target:
+        if kl > 2.0 * self.kl_target:
             self.value = max(low, self.value / s.kl_factor)
-        elif kl < 0.5 * s.kl_target:
+        elif kl < 0.5 * self.kl_target:
             self.value = min(high, self.value * s.kl_factor)
 
 
@@ -173,6 +180,7 @@ class Ppo:
             self.critic.normalizer.update(torch.cat(self._seen))
         self.forget()
         self.average.update(self.actor.state_dict())
+        self.rates.iterations += 1
         return log
 
     def forget(self) -> None:
@@ -223,6 +231,7 @@ class Ppo:
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "learning_rate": self.rates.value,
+            "iterations": self.rates.iterations,
             "noise": self.noise.get_state(),
             "shuffle": self.shuffle.get_state(),
         }
@@ -233,7 +242,7 @@ class Ppo:
         self.critic.load_state_dict(state["critic"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.rates.value = state["learning_rate"]
+        self.rates.value, self.rates.iterations = state["learning_rate"], state["iterations"]
         self.noise.set_state(state["noise"])
         self.shuffle.set_state(state["shuffle"])
 

@@ -25,7 +25,8 @@ class LearnerSettings:
         learning_rate: at the start.
         learning_rate_range: bounds of the adaptation.
         critic_learning_rate: fixed rate of the critic; None = the actor's adaptive one.
-        kl_target: wanted KL divergence between the policies before and after.
+        kl_target: wanted KL divergence between the policies before and after an iteration.
+        kl_decay: iterations after which half of it is wanted, a third after twice as many and so on; None: no decay.
         kl_factor: factor by which the rate moves when KL is off by more than two.
         kl_schedule: adapt after each ``minibatch``, once per ``iteration``, or keep the rate ``fixed``.
         noise_std: exploration noise at the start.
@@ -53,6 +54,7 @@ class LearnerSettings:
     learning_rate_range: tuple[float, float] = (1e-5, 1e-2)
     critic_learning_rate: float | None = None
     kl_target: float = 0.01
+    kl_decay: int | None = None
     kl_factor: float = 1.5
     kl_schedule: Literal["minibatch", "iteration", "fixed"] = "iteration"
     noise_std: float = 0.8
@@ -80,6 +82,8 @@ class LearnerSettings:
                 hint="learner.paired_steps=null trains without twins",
             )  # fmt: skip
         at_least("learner.kl_factor", self.kl_factor, 1.0)
+        if self.kl_decay is not None:
+            at_least("learner.kl_decay", self.kl_decay, 1)
         if self.critic_learning_rate is not None:
             positive("learner.critic_learning_rate", self.critic_learning_rate)
         for name in ("actor_hidden", "critic_hidden"):
