@@ -11,9 +11,9 @@ PREFIX = "evaluation/"
 RULE = (
     "The evaluation with the lowest score is exported; the earlier one where two are equal. The score is the mean, "
     "over nominal and randomised starts, of Empbpe in mm, a tenth of Eg-mpbpe in mm, and "
-    f"{FALL_COST:g} times the share of falls. Each evaluation plays the whole clip from {STARTS} noisy starts of "
-    f"either kind (joints {START_NOISE_RAD:g} rad off, standard deviation), the same ones every time, without "
-    "training's distance limit."
+    f"{FALL_COST:g} times the share of falls. Each evaluation plays the whole clip from "
+    f"{' and '.join(f'{count} {kind}' for kind, count in STARTS.items())} noisy starts (joints {START_NOISE_RAD:g} rad "
+    "off, standard deviation), the same ones every time, without training's distance limit."
 )
 
 
