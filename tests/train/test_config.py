@@ -172,6 +172,7 @@ REFUSED = [
     ("environment.randomization.friction=[2,1]", "randomization.friction: not a range"),
     ("environment.randomization.friction=[0,1]", r"randomization.friction\[0\]: not positive"),
     ("environment.randomization.mass_scale=[-1,1]", "randomization.mass_scale: not a range"),
+    ("environment.randomization.nominal_share=1.1", "randomization.nominal_share: out of range"),
     ("environment.randomization.com_z_m=-1", "randomization.com_z_m: too small"),
     ("environment.push.velocity_m_s=-1", "environment.push.velocity_m_s: too small"),
     ("environment.push.interval_s=[0,1]", r"environment.push.interval_s\[0\]: not positive"),

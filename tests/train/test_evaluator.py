@@ -23,6 +23,17 @@ def test_who_stands_gets_to_the_end():
     assert figures["score"] == sum(both) / 2 + FALL_COST * figures["randomized_falls"] / 2
 
 
+def test_randomised_starts_have_no_nominal_robots_among_them():
+    robot, figures = g1(), []
+    for share in (0.0, 1.0):
+        ranges = {"friction": [0.4, 0.6], "torque_offset": 0.05, "nominal_share": share}
+        evaluator = NoisyStartEvaluator(
+            settings(randomization=ranges), robot, swaying_reference(robot, 0.2), seed=1, threads=2
+        )
+        figures.append(evaluator.evaluate(lambda observation: torch.zeros(len(observation), robot.num_joints)))
+    assert figures[0] == figures[1]
+
+
 def test_who_collapses_is_told_how_far_it_got():
     """Knees that let go: no robot reaches the end, each falls for at least the 0.3 s that falling takes."""
     robot = g1()

@@ -123,6 +123,7 @@ class Deviation(nn.Module):
         """
         averages, clues, action = self.parts(observation, phase)
         drift = clues[:, clues.shape[1] - self.drift_size :]
+        # In double: far off the reference the products are large and cancel.
         correction = (clues.double() @ self.correction.double()).float()
         return torch.cat([averages + correction, action], dim=1), drift
 
