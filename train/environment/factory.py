@@ -3,7 +3,8 @@
 import torch
 
 from motion.feet import ground_lift_m
-from motion.reference import Reference
+from motion.library import open_motion
+from motion.reference import Reference, build_reference
 from robot.robot import Robot
 from train.environment.settings import EnvironmentSettings
 from train.environment.tick import ReferenceTable
@@ -22,7 +23,11 @@ def build_environment(
     seed: int,
     threads: int,
 ) -> TrackingEnv:
-    """An environment of ``num_envs`` robots on one clip. Same arguments, same numbers."""
+    """An environment of ``num_envs`` robots on one clip. Same arguments, same numbers.
+
+    Raises:
+        InputError: a motion of ``settings.start.recovery`` that is none.
+    """
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -38,5 +43,10 @@ def build_environment(
         joint_friction=settings.simulation.joint_friction,
         randomization=settings.randomization_scale.start,
     )
-    table = ReferenceTable([reference], [torch.as_tensor(ground_lift_m(robot, reference))])
-    return TrackingEnv(robot, table, simulator, settings, generator, episodes)
+    others = [build_reference(open_motion(name, robot), robot) for name in settings.start.recovery.motions]
+    recovery = _table(robot, others) if settings.start.recovery.share > 0.0 else None
+    return TrackingEnv(robot, _table(robot, [reference]), simulator, settings, generator, episodes, recovery)
+
+
+def _table(robot: Robot, references: list[Reference]) -> ReferenceTable:
+    return ReferenceTable(references, [torch.as_tensor(ground_lift_m(robot, reference)) for reference in references])

@@ -42,6 +42,7 @@ class TrackingEnv:
         generator: source of what each step draws, outside physics.
         episodes: source of what each episode draws, outside physics. Another one, so that episodes which end here or
             there leave the steps' draws as they are (:class:`train.environment.paired.PairedEnv`).
+        recovery: motions of ``settings.start.recovery``, where there are any.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class TrackingEnv:
         settings: EnvironmentSettings,
         generator: torch.Generator,
         episodes: torch.Generator,
+        recovery: ReferenceTable | None = None,
     ) -> None:
         self.num_envs, self.num_actions = simulator.num_envs, robot.num_joints
         self.reward_names = tuple(settings.rewards)
@@ -65,6 +67,7 @@ class TrackingEnv:
             num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
         )
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
+        self.starts = StartSampler(settings.start, table.num_ticks, episodes, recovery)
         self._allocate(robot)
         self._physics = simulator.state()
         self._bodies = self._forward(self._physics)
@@ -75,7 +78,6 @@ class TrackingEnv:
     def _allocate(self, robot: Robot) -> None:
         s, envs = self.settings, self.num_envs
         self.observations = Observations(robot, envs, s.observation_noise, s.older_ticks())
-        self.starts = StartSampler(s.start, self._table.num_ticks, self._episodes)
         self.pushes = Pushes(s.push, envs, CONTROL_PERIOD_S, self._generator)
         tracking = [name for name in self.reward_names if name in TRACKING]
         self.sigma = AdaptiveSigma(
