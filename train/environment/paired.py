@@ -5,7 +5,7 @@ from typing import Any
 
 import torch
 
-from train.environment.tracking import TrackingEnv, robots_of
+from train.environment.tracking import TrackingEnv
 from train.interface import StepResult
 
 
@@ -29,12 +29,12 @@ class PairedEnv:
         self.actor_obs_dim, self.critic_obs_dim = leaders.actor_obs_dim, leaders.critic_obs_dim
         self.phase_knots, self.reward_names = leaders.phase_knots, leaders.reward_names
         self._everyone = torch.ones(leaders.num_envs, dtype=torch.bool)
-        self._follow(self._everyone)
+        self._twins.follow(leaders, self._everyone)
 
     def reset(self) -> dict[str, torch.Tensor]:
         """Begin a new episode in every environment; return its observations."""
         observations = self._leaders.reset()
-        self._follow(self._everyone)
+        self._twins.follow(self._leaders, self._everyone)
         self._together = 0
         return _joined(observations, observations)
 
@@ -48,7 +48,7 @@ class PairedEnv:
             apart = self._everyone
         if apart.any():
             twin = _cut(twin, apart, led.observations)
-            self._follow(apart)
+            self._twins.follow(self._leaders, apart)
         return StepResult(
             _joined(led.observations, twin.observations),
             torch.cat([led.rewards, twin.rewards]),
@@ -62,13 +62,6 @@ class PairedEnv:
         """See :class:`train.interface.TrackingEnv`."""
         for env in (self._leaders, self._twins):
             env.finish_iteration()
-
-    def _follow(self, rows: torch.Tensor) -> None:
-        """Take the twins of ``rows`` (B/2,) bool back to their leaders; leaders also say what is nobody's own."""
-        state = self._leaders.state_dict()
-        for its, own in zip(robots_of(state), robots_of(self._twins.state_dict()), strict=True):
-            its[~rows] = own[~rows]
-        self._twins.load_state_dict(state)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs."""

@@ -251,35 +251,54 @@ class TrackingEnv:
             self.simulator.set_randomization(wanted)
             self.sigma.restart()
 
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that a continued run needs, as tensors and plain numbers."""
+    def follow(self, leader: "TrackingEnv", rows: torch.Tensor) -> None:
+        """Take the robots of ``rows`` (B,) bool to where ``leader``'s are, and all that is nobody's own with them."""
+        for own, its in zip(self._robots(), leader._robots(), strict=True):
+            own[rows] = its[rows]
+        self._physics = self.simulator.state()
+        self._load_common(leader._common())
+
+    def _robots(self) -> list[torch.Tensor]:
+        """Tensors (B, ...) that hold a row for each robot; the present ones, no copies."""
+        return [*self.simulator.robots(), *map(self._buffer, _BUFFERS), *self._bodies, *vars(self._target).values()]
+
+    def _common(self) -> dict[str, Any]:
+        """What is nobody's own, as tensors and plain numbers."""
         return {
-            "simulator": self.simulator.state_dict(),
             "sigma": self.sigma.state_dict(),
             "starts": self.starts.state_dict(),
-            "buffers": {name: self._buffer(name).clone() for name in _BUFFERS},
-            "bodies": [value.clone() for value in self._bodies],
             "curricula": {name: getattr(self, name).value for name in _CURRICULA},
             "averages": {name: dict(vars(getattr(self, name))) for name in _AVERAGES},
             "generators": [generator.get_state() for generator in self._generators],
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` returned."""
-        self.simulator.load_state_dict(state["simulator"])
+    def _load_common(self, state: dict[str, Any]) -> None:
         self.sigma.load_state_dict(state["sigma"])
         self.starts.load_state_dict(state["starts"])
-        for name in _BUFFERS:
-            self._buffer(name).copy_(state["buffers"][name])
-        self._physics = self.simulator.state()
-        self._bodies = Bodies(*(value.clone() for value in state["bodies"]))
-        self._target = self._table.rows(self.clip, self.tick + 1)
         for name in _CURRICULA:
             getattr(self, name).value = state["curricula"][name]
         for name, values in state["averages"].items():
             vars(getattr(self, name)).update(values)
         for generator, value in zip(self._generators, state["generators"], strict=True):
             generator.set_state(value)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a continued run needs, as tensors and plain numbers."""
+        return self._common() | {
+            "simulator": self.simulator.state_dict(),
+            "buffers": {name: self._buffer(name).clone() for name in _BUFFERS},
+            "bodies": [value.clone() for value in self._bodies],
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` returned."""
+        self.simulator.load_state_dict(state["simulator"])
+        for name in _BUFFERS:
+            self._buffer(name).copy_(state["buffers"][name])
+        self._physics = self.simulator.state()
+        self._bodies = Bodies(*(value.clone() for value in state["bodies"]))
+        self._target = self._table.rows(self.clip, self.tick + 1)
+        self._load_common(state)
 
     def _buffer(self, path: str) -> torch.Tensor:
         return attrgetter(path)(self)
@@ -291,12 +310,6 @@ _BUFFERS = (
     "clip", "tick", "start_tick", "episode_steps", "uniform_start", "last_action", "air_time_s",
     "observations.actor_history", "observations.critic_history", "pushes.wait_s",
 )  # fmt: skip
-
-
-def robots_of(state: dict[str, Any]) -> list[torch.Tensor]:
-    """Those tensors (B, ...) of an environment's state that hold a row for each robot."""
-    simulator = [value for value in state["simulator"].values() if value.dim()]
-    return [*simulator, *state["buffers"].values(), *state["bodies"]]
 
 
 def _write_rows(tables: Iterable[torch.Tensor], rows: torch.Tensor, values: Iterable[torch.Tensor]) -> None:

@@ -192,10 +192,14 @@ class MujocoCpuSimulator:
             body_force_n=force[:, 2:].norm(dim=-1),
         )
 
+    def robots(self) -> list[torch.Tensor]:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        return [getattr(self, name) for name in self._CHECKPOINTED]
+
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Physics state, queues and draws (the rollout starts its solver cold: no warm start to keep)."""
         return (
-            {name: getattr(self, name).clone() for name in self._CHECKPOINTED}
+            {name: value.clone() for name, value in zip(self._CHECKPOINTED, self.robots(), strict=True)}
             | {"randomization": torch.tensor(self.randomization, dtype=torch.float64)}
             | {f"drawn.{name}": value.clone() for name, value in vars(self._drawn).items()}
         )

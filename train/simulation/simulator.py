@@ -67,6 +67,10 @@ class Simulator(Protocol):
         """Move every physical parameter to nominal + scale·(drawn − nominal)."""
         ...
 
+    def robots(self) -> list[torch.Tensor]:
+        """Tensors (B, ...) of what each robot has of its own, but for what :attr:`domain` says; no copies."""
+        ...
+
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Everything that a continued run needs."""
         ...
