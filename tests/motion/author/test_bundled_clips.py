@@ -22,7 +22,6 @@ EXPECTED = {
     "horse_stance_punch": (8.0, 13.0, 6.5, 0.008, None),
     "side_kick": (6.0, 10.0, 6.0, 0.015, 0.015),
     "charleston": (8.0, 12.0, 6.5, 0.02, None),
-    "steps": (15.0, 20.0, 4.0, 0.008, None),
 }
 GRAVITY_M_S2 = 9.81
 
