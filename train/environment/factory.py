@@ -43,8 +43,10 @@ def build_environment(
         joint_friction=settings.simulation.joint_friction,
         randomization=settings.randomization_scale.start,
     )
-    others = [build_reference(open_motion(name, robot), robot) for name in settings.start.recovery.motions]
-    recovery = _table(robot, others) if settings.start.recovery.share > 0.0 else None
+    recovery = None
+    if settings.start.recovery.share > 0.0:
+        motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
+        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions])
     return TrackingEnv(robot, _table(robot, [reference]), simulator, settings, generator, episodes, recovery)
 
 
