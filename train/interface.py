@@ -69,5 +69,5 @@ class Evaluator(Protocol):
     """Judges an actor by itself, with its own randomness, so that training goes on unchanged."""
 
     def evaluate(self, act: Policy) -> dict[str, float]:
-        """Return figures; ``score`` ranks actors, lower is better."""
+        """Return figures; ``score`` ranks actors, lower is better, ``score_error`` is its standard error."""
         ...

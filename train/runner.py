@@ -32,12 +32,27 @@ class Budget:
 
 @dataclass
 class Best:
-    """The best judged weights so far; ``score`` lower is better."""
+    """The latest judged weights that are as good as the best: up to ``limit``, the lowest score and its error.
+
+    Falls of a hundred starts differ by chance more than weights that follow each other do, and later ones know more.
+    """
 
     score: float = float("inf")
+    limit: float = float("inf")
     iteration: int = 0
     figures: dict[str, float] = field(default_factory=dict)
     weights: dict[str, torch.Tensor] | None = None
+
+    def after(
+        self, iteration: int, figures: Mapping[str, float], weights: Callable[[], dict[str, torch.Tensor]]
+    ) -> "Best":
+        """The best when these were judged too."""
+        score, lowest, limit = figures["score"], self.score, self.limit
+        if score < lowest:
+            lowest, limit = score, score + figures["score_error"]
+        if not score <= limit < float("inf"):
+            return self
+        return Best(lowest, limit, iteration, dict(figures), weights())
 
 
 class Runner:
@@ -180,8 +195,7 @@ class Runner:
         begun_s = time.monotonic()
         figures = self._evaluator.evaluate(self.policy())
         self.judged = {"iteration": self.iteration, **figures}
-        if figures["score"] < self.best.score:
-            self.best = Best(figures["score"], self.iteration, dict(figures), self._weights())
+        self.best = self.best.after(self.iteration, figures, self._weights)
         row = {f"evaluation/{name}": value for name, value in figures.items()}
         return row | {"time/evaluate_s": time.monotonic() - begun_s}
 

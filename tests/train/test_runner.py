@@ -104,14 +104,14 @@ def test_ends_after_the_minutes(tmp_path):
 
 
 class ScriptedEvaluator:
-    """Scores that were decided before."""
+    """Scores that were decided before, each with the same error."""
 
-    def __init__(self, scores):
-        self.scores, self.seen = list(scores), []
+    def __init__(self, scores, error=0.0):
+        self.scores, self.error, self.seen = list(scores), error, []
 
     def evaluate(self, act):
         self.seen.append(act(torch.ones(1, 7)))
-        return {"score": self.scores.pop(0), "empbpe_mm": 1.0}
+        return {"score": self.scores.pop(0), "score_error": self.error, "empbpe_mm": 1.0}
 
 
 def test_exports_the_best_judged_weights(tmp_path):
@@ -125,11 +125,22 @@ def test_exports_the_best_judged_weights(tmp_path):
     assert [row["iteration"] for row in rows(tmp_path) if "evaluation/score" in row] == [2, 4, 6]
 
 
+def test_later_weights_are_kept_while_chance_may_be_why_they_score_worse(tmp_path):
+    # 1.9 is within 1 of the lowest, 1.0; 2.1 is not.
+    evaluator = ScriptedEvaluator([3.0, 1.0, 1.9, 2.1], error=1.0)
+    runner = make_runner(tmp_path, 8, evaluator=evaluator, evaluate_every=2)
+    runner.run()
+    assert (runner.best.iteration, runner.best.score, runner.best.limit) == (6, 1.0, 2.0)
+    weights = runner.final_weights(judge=True)
+    assert torch.equal(runner.actor_with(weights)(torch.ones(1, 7)), evaluator.seen[2])
+    assert runner.best.figures["score"] == 1.9
+
+
 def test_best_survives_a_resume(tmp_path):
     make_runner(tmp_path, 4, evaluator=ScriptedEvaluator([1.0, 2.0]), evaluate_every=2).run()
     resumed = make_runner(tmp_path, 6, resume=True, evaluator=ScriptedEvaluator([3.0]), evaluate_every=2)
     resumed.run()
-    assert resumed.best.iteration == 2 and resumed.best.figures == {"score": 1.0, "empbpe_mm": 1.0}
+    assert resumed.best.iteration == 2 and resumed.best.figures == {"score": 1.0, "score_error": 0.0, "empbpe_mm": 1.0}
 
 
 def test_judging_does_not_change_the_training(tmp_path):

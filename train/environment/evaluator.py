@@ -1,5 +1,6 @@
 """Judges an actor while it trains: noisy starts at the first frame, some nominal, most of them randomised."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -22,7 +23,8 @@ class NoisyStartEvaluator:
     """Plays the whole clip from noisy starts, without training's distance limit.
 
     The score is the body error (Empbpe, mm) plus a tenth of the global one, plus 1000 times the share of starts that
-    fall, averaged over nominal starts and starts with full randomisation and observation noise.
+    fall, averaged over nominal starts and starts with full randomisation and observation noise. Its error is what
+    chance alone makes of the falls (standard error of a binomial share).
 
     Args:
         settings: the training environment's; its randomisation and noise are used at full size.
@@ -61,7 +63,9 @@ class NoisyStartEvaluator:
             figures[f"{name}_empbpe_mm"] + 0.1 * figures[f"{name}_eg_mpbpe_mm"] + FALL_COST * figures[f"{name}_falls"]
             for name in self._settings
         ]
-        return {"score": sum(scores) / len(scores), **figures}
+        falls = {name: figures[f"{name}_falls"] for name in self._settings}
+        error = FALL_COST * math.sqrt(sum(share * (1.0 - share) / STARTS[name] for name, share in falls.items()))
+        return {"score": sum(scores) / len(scores), "score_error": error / len(scores), **figures}
 
 
 def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:

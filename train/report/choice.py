@@ -9,7 +9,8 @@ from train.environment.evaluator import FALL_COST, START_NOISE_RAD, STARTS
 
 PREFIX = "evaluation/"
 RULE = (
-    "The evaluation with the lowest score is exported; the earlier one where two are equal. The score is the mean, "
+    "The latest evaluation is exported whose score is no further above the lowest than chance alone takes the falls "
+    "of that one (their standard error). The score is the mean, "
     "over nominal and randomised starts, of Empbpe in mm, a tenth of Eg-mpbpe in mm, and "
     f"{FALL_COST:g} times the share of falls. Each evaluation plays the whole clip from "
     f"{' and '.join(f'{count} {kind}' for kind, count in STARTS.items())} noisy starts (joints {START_NOISE_RAD:g} rad "
@@ -29,6 +30,11 @@ class Evaluation:
         """Lower is better."""
         value = self.figures.get("score")
         return math.inf if value is None else value
+
+    @property
+    def limit(self) -> float:
+        """The highest score that is as good as this one."""
+        return self.score + (self.figures.get("score_error") or 0.0)
 
     @property
     def fall_cost(self) -> float | None:
@@ -52,23 +58,46 @@ def evaluations(rows: Sequence[Mapping[str, Any]], *more: Mapping[str, Any]) -> 
 
 
 def best(judged: Sequence[Evaluation]) -> Evaluation | None:
-    """The lowest finite score, the first of equals."""
-    return min((one for one in judged if math.isfinite(one.score)), key=lambda one: one.score, default=None)
+    """The latest whose score is as good as the lowest."""
+    lowest = _lowest(judged)
+    return (
+        None
+        if lowest is None
+        else max((one for one in judged if one.score <= lowest.limit), key=lambda one: one.iteration)
+    )
+
+
+def _lowest(judged: Sequence[Evaluation]) -> Evaluation | None:
+    """The lowest finite score, the latest of equals."""
+    finite = (one for one in judged if math.isfinite(one.score))
+    return min(finite, key=lambda one: (one.score, -one.iteration), default=None)
 
 
 def explain(judged: Sequence[Evaluation]) -> str:
     """In one or two sentences, why the best one is the best."""
-    chosen = best(judged)
-    if chosen is None:
+    chosen, lowest = best(judged), _lowest(judged)
+    if chosen is None or lowest is None:
         return "No evaluation yet: the last weights are what there is."
-    said = f"Iteration {chosen.iteration}: score {chosen.score:.1f}, the lowest of {len(judged)}."
-    others = [one for one in judged if one is not chosen]
-    second = best(others)
-    if second is None:
-        return said if others else f"Iteration {chosen.iteration}: score {chosen.score:.1f}, the only evaluation."
-    said += f" Next best is iteration {second.iteration}, {second.score - chosen.score:.1f} behind"
-    if chosen.fall_cost is None or second.fall_cost is None:
+    said = f"Iteration {chosen.iteration}: score {chosen.score:.1f}, "
+    if len(judged) == 1:
+        return said + "the only evaluation."
+    if chosen is lowest:
+        said += f"the lowest of {len(judged)}."
+    else:
+        error = lowest.limit - lowest.score
+        said += (
+            f"the latest that is as good as the lowest of {len(judged)} ({lowest.score:.1f}, by chance ±{error:.1f})."
+        )
+    return said + _against(chosen, _lowest([one for one in judged if one is not chosen]))
+
+
+def _against(chosen: Evaluation, other: Evaluation | None) -> str:
+    """By how much the other one's score is higher, and for what."""
+    if other is None:
+        return ""
+    said = f" Next to it iteration {other.iteration}: {other.score - chosen.score:+.1f}"
+    if chosen.fall_cost is None or other.fall_cost is None:
         return said + "."
-    falls = second.fall_cost - chosen.fall_cost
-    errors = second.score - chosen.score - falls
+    falls = other.fall_cost - chosen.fall_cost
+    errors = other.score - chosen.score - falls
     return said + f", of which falls make {falls:+.1f} and tracking errors {errors:+.1f}."

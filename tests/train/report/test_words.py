@@ -32,10 +32,17 @@ def scored(iteration, *values):
 ROWS = [scored(10, 540.0, 0.0, 1.0), row(15), scored(20, 310.0, 0.0, 0.5), scored(30, None, 1.0, 1.0)]
 
 
-def test_the_lowest_score_is_chosen_and_the_earlier_of_equals():
+def test_the_latest_is_chosen_that_is_as_good_as_the_lowest_but_for_chance():
     assert best(evaluations(ROWS)).iteration == 20
-    assert best(evaluations([scored(1, 5.0, 0.0, 0.0), scored(2, 5.0, 0.0, 0.0)])).iteration == 1
+    assert best(evaluations([scored(1, 5.0, 0.0, 0.0), scored(2, 5.0, 0.0, 0.0)])).iteration == 2
     assert best(evaluations([scored(1, None, 1.0, 1.0)])) is None
+    scores = [Evaluation(i, {"score": s, "score_error": e}) for i, s, e in ((1, 60.0, 9), (2, 50.0, 7), (3, 57.0, 9))]
+    assert best(scores).iteration == 3  # 57 is not above 50 + 7; its own error does not matter
+    assert best([*scores, Evaluation(4, {"score": 57.5, "score_error": 20.0})]).iteration == 3
+    assert explain(scores) == (
+        "Iteration 3: score 57.0, the latest that is as good as the lowest of 3 (50.0, by chance ±7.0). "
+        "Next to it iteration 2: -7.0."
+    )
 
 
 def test_the_evaluation_at_the_end_comes_from_the_summary_and_none_counts_twice():
@@ -53,13 +60,13 @@ def test_the_evaluation_at_the_end_comes_from_the_summary_and_none_counts_twice(
 def test_the_reason_splits_the_lead_into_falls_and_errors():
     # Falls cost 1000 * (0 + 1) / 2 = 500 and 1000 * (0 + 0.5) / 2 = 250, so errors 40 and 60.
     assert explain(evaluations(ROWS)) == (
-        "Iteration 20: score 310.0, the lowest of 3. Next best is iteration 10, 230.0 behind, of which falls make "
+        "Iteration 20: score 310.0, the lowest of 3. Next to it iteration 10: +230.0, of which falls make "
         "+250.0 and tracking errors -20.0."
     )
     assert explain(evaluations(ROWS[:1])) == "Iteration 10: score 540.0, the only evaluation."
     assert explain([]) == "No evaluation yet: the last weights are what there is."
     assert explain([Evaluation(1, {"score": 2.0}), Evaluation(2, {"score": 3.5})]) == (
-        "Iteration 1: score 2.0, the lowest of 2. Next best is iteration 2, 1.5 behind."
+        "Iteration 1: score 2.0, the lowest of 2. Next to it iteration 2: +1.5."
     )
 
 
@@ -78,6 +85,8 @@ def test_the_rule_is_the_evaluators(monkeypatch):
     # The mean over both of Empbpe + Eg-mpbpe / 10 + 1000 * falls, as the rule says.
     assert one.score == pytest.approx(((10 + 2) + (30 + 5 + 250)) / 2)
     assert one.fall_cost == pytest.approx(125.0)
+    # 96 starts with a share of 1/4: sqrt(3/16 / 96) = 0.0442; half of 1000 times that.
+    assert one.limit - one.score == pytest.approx(22.097, abs=1e-3)
 
 
 def timed(collect, act, step, learn, save, wall, **more):
