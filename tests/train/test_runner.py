@@ -143,6 +143,13 @@ def test_best_survives_a_resume(tmp_path):
     assert resumed.best.iteration == 2 and resumed.best.figures == {"score": 1.0, "score_error": 0.0, "empbpe_mm": 1.0}
 
 
+def test_a_resumed_run_still_knows_what_is_as_good_as_the_lowest(tmp_path):
+    make_runner(tmp_path, 2, evaluator=ScriptedEvaluator([1.0], error=1.0), evaluate_every=2).run()
+    resumed = make_runner(tmp_path, 6, resume=True, evaluator=ScriptedEvaluator([1.9, 2.1]), evaluate_every=2)
+    resumed.run()
+    assert (resumed.best.iteration, resumed.best.score) == (4, 1.0)
+
+
 def test_judging_does_not_change_the_training(tmp_path):
     make_runner(tmp_path / "a", 6).run()
     make_runner(tmp_path / "b", 6, evaluator=ScriptedEvaluator([1.0, 2.0, 3.0]), evaluate_every=2).run()

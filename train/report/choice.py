@@ -60,17 +60,14 @@ def evaluations(rows: Sequence[Mapping[str, Any]], *more: Mapping[str, Any]) -> 
 def best(judged: Sequence[Evaluation]) -> Evaluation | None:
     """The latest whose score is as good as the lowest."""
     lowest = _lowest(judged)
-    return (
-        None
-        if lowest is None
-        else max((one for one in judged if one.score <= lowest.limit), key=lambda one: one.iteration)
-    )
+    if lowest is None:
+        return None
+    return max((one for one in judged if one.score <= lowest.limit), key=lambda one: one.iteration)
 
 
 def _lowest(judged: Sequence[Evaluation]) -> Evaluation | None:
-    """The lowest finite score, the latest of equals."""
-    finite = (one for one in judged if math.isfinite(one.score))
-    return min(finite, key=lambda one: (one.score, -one.iteration), default=None)
+    """The lowest finite score, the first of equals: its error is the limit, as in :class:`train.runner.Best`."""
+    return min((one for one in judged if math.isfinite(one.score)), key=lambda one: one.score, default=None)
 
 
 def explain(judged: Sequence[Evaluation]) -> str:
