@@ -24,7 +24,9 @@ except ModuleNotFoundError as error:
     sys.exit(2)
 
 ROOT = Path(__file__).resolve().parents[1]
-PBHC_TERMS = ("environment.rewards.body_position_relative=null", "environment.rewards.heading=null")
+PBHC_TERMS = tuple(
+    f"environment.rewards.{name}=null" for name in ("body_position_relative", "body_acceleration", "heading")
+)
 VARIANTS: dict[str, tuple[str, ...]] = {
     "adaptive": (),
     "coarse": ("sigma=coarse",),

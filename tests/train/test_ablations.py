@@ -29,7 +29,7 @@ def test_each_variant_changes_what_its_name_says_and_nothing_else(configured):
     whole = configured("adaptive")
     assert whole.environment.adaptive_sigma and whole.value == "vector"
     assert "contact_mask" in whole.environment.rewards
-    assert not {"heading", "body_position_relative"} & whole.environment.rewards.keys()
+    assert not {"heading", "body_position_relative", "body_acceleration"} & whole.environment.rewards.keys()
     # PBHC Table 10, the rows of feet and joint position.
     table = {"coarse": (0.01, 0.3), "medium": (0.003, 0.1), "upperbound": (0.003, 0.08), "lowerbound": (0.0002, 0.02)}
     for name, sigmas in table.items():

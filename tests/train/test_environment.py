@@ -9,6 +9,7 @@ import torch
 
 from motion.feet import ground_lift_m
 from motion.library import open_motion
+from motion.metrics import empbae_mm
 from motion.reference import build_reference
 from policy.history import ObservationHistory
 from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
@@ -81,6 +82,36 @@ def test_rewards_are_weight_times_term_times_period():
     assert rewards["action_rate"].tolist() == pytest.approx([0.0, -0.5 * 0.23 * 0.02 * 0.5, 0.0, 0.0], abs=1e-9)
     assert 0.9 * 0.02 < rewards["joint_position"].min() <= 0.02
     assert rewards["termination"].tolist() == [0.0] * env.num_envs
+
+
+def test_the_rewarded_acceleration_error_is_the_judged_one_from_the_first_step_on():
+    """Second differences as in motion.metrics; before an episode's first frame the robot came at its velocity."""
+    env = small_env(
+        rewards={"body_acceleration": {"weight": 1.0, "sigma": 0.02}},
+        adaptive_sigma=False,
+        termination={"max_episode_s": 0.12},
+        start={"joint_noise_rad": 0.05, "velocity_noise": 0.3},
+    )
+    reference = swaying_reference(g1())
+    generator = torch.Generator().manual_seed(2)
+    frames: list[tuple[np.ndarray, np.ndarray]] = [(np.empty(0), np.empty(0))] * env.num_envs  # actual, wanted
+    judged = 0
+    for _ in range(20):
+        for robot in (env.episode_steps == 0).nonzero()[:, 0].tolist():
+            pos, velocity = (getattr(env._bodies, name)[robot].numpy() for name in ("pos_w", "lin_vel_w"))
+            wanted = reference.body_pos_w[env.tick[robot]]
+            wanted_velocity = reference.body_lin_vel_w[env.tick[robot]]
+            frames[robot] = np.stack([pos - 0.02 * velocity, pos]), np.stack([wanted - 0.02 * wanted_velocity, wanted])
+        result = env.step(0.3 * torch.randn(env.num_envs, 23, generator=generator))
+        for robot in (env.episode_steps > 0).nonzero()[:, 0].tolist():  # the others stand at their next start already
+            actual, wanted = frames[robot]
+            actual = np.stack([*actual[-2:], env._bodies.pos_w[robot].numpy()])
+            wanted = np.stack([*wanted[-2:], reference.body_pos_w[env.tick[robot]]])
+            frames[robot] = actual, wanted
+            error_m = empbae_mm(actual, wanted)[0] / 1000
+            assert result.rewards[robot, 0].item() == pytest.approx(0.02 * np.exp(-error_m / 0.02), rel=1e-3)
+            judged += error_m > 0.001
+    assert judged > 40
 
 
 def test_starts_lie_on_the_reference_with_its_velocities():

@@ -48,6 +48,7 @@ def on_reference() -> Tick:
         contact=touching,
         first_contact=~touching,
         air_time_s=torch.zeros(1, 2),
+        acceleration_error_m=three,
         terminated=torch.zeros(1, dtype=torch.bool),
         limits=limits,
     )
@@ -97,6 +98,15 @@ def test_relative_positions_do_not_see_where_the_pelvis_is():
         3 * 0.25 / 12
     )
     assert value(rewards.body_position_relative, moved(on_reference(), 3, (0.0, 0.6, 0.0))) == pytest.approx(0.36 / 12)
+
+
+def test_body_acceleration_is_the_mean_length_over_the_points():
+    """Pelvis and head are off by 0.2 and 0.5 m/step², the feet are not: 0.7 over four points."""
+    error_m = torch.zeros(1, POINTS, 3)
+    error_m[0, 0, 1], error_m[0, 3] = -0.2, torch.tensor([0.3, 0.0, 0.4])
+    assert value(rewards.body_acceleration, replace(on_reference(), acceleration_error_m=error_m)) == pytest.approx(
+        0.7 / 4
+    )
 
 
 def test_joint_errors():

@@ -79,6 +79,11 @@ def body_velocity(t: Tick) -> torch.Tensor:
     return _mean_square(t.bodies.lin_vel_w - t.reference.body_lin_vel_w)
 
 
+def body_acceleration(t: Tick) -> torch.Tensor:
+    """Mean over points of the length of the acceleration error, m/step² (what Empbae measures, in world axes)."""
+    return t.acceleration_error_m.norm(dim=-1).mean(dim=1)
+
+
 def body_angular_velocity(t: Tick) -> torch.Tensor:
     """Mean square world angular velocity error, (rad/s)²."""
     return _mean_square(t.bodies.ang_vel_w - t.reference.body_ang_vel_w)
@@ -192,6 +197,7 @@ TRACKING: dict[str, Term] = _named(
     body_position_relative,
     body_rotation,
     body_velocity,
+    body_acceleration,
     body_angular_velocity,
     heading,
     hands_head,

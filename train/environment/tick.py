@@ -122,6 +122,7 @@ class Tick:
         contact: (B, 2) whether each foot is pressed on anything by more than 1 N.
         first_contact: (B, 2) whether that contact is new.
         air_time_s: (B, 2) time in the air up to this step.
+        acceleration_error_m: (B, 27, 3) second difference over control steps of the points' position errors.
         terminated: (B,) whether the episode has failed in this step.
         limits: the robot's soft limits.
     """
@@ -135,5 +136,6 @@ class Tick:
     contact: torch.Tensor
     first_contact: torch.Tensor
     air_time_s: torch.Tensor
+    acceleration_error_m: torch.Tensor
     terminated: torch.Tensor
     limits: RobotLimits

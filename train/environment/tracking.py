@@ -71,6 +71,7 @@ class TrackingEnv:
         self._allocate(robot)
         self._physics = simulator.state()
         self._bodies = self._forward(self._physics)
+        self.position_error_m, self.error_change_m = (torch.zeros_like(self._bodies.pos_w) for _ in range(2))
         self._target = table.rows(self.clip, self.tick + 1)
         observations = self.reset()
         self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
@@ -140,6 +141,7 @@ class TrackingEnv:
             contact=contact,
             first_contact=contact & (self.air_time_s > 0.0),
             air_time_s=air_time_s,
+            acceleration_error_m=bodies.pos_w - reference.body_pos_w - self.position_error_m - self.error_change_m,
             terminated=self._failed(physics, bodies, reference) | self.diverged,
             limits=self.limits,
         )
@@ -187,6 +189,9 @@ class TrackingEnv:
         """Hand what the next step starts from over to it."""
         self.last_action = t.action.clone()
         self.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
+        position_error_m = t.bodies.pos_w - t.reference.body_pos_w
+        self.error_change_m = position_error_m - self.position_error_m
+        self.position_error_m = position_error_m
         self._physics, self._bodies = t.physics, t.bodies
         self._target = self._table.rows(self.clip, self.tick + 1)
         self.observations.push(*self._sample(t.physics, t.action, t.reference.phase, self._generator))
@@ -216,7 +221,10 @@ class TrackingEnv:
         self.air_time_s[env_ids] = 0.0
         self._physics = self.simulator.state()
         fresh = PhysicsState(*(value[env_ids] for value in vars(self._physics).values()))
-        _write_rows(self._bodies, env_ids, self._forward(fresh))
+        bodies = self._forward(fresh)
+        _write_rows(self._bodies, env_ids, bodies)
+        self.position_error_m[env_ids] = bodies.pos_w - rows.body_pos_w
+        self.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - rows.body_lin_vel_w)
         _write_rows(vars(self._target).values(), env_ids, vars(self._table.rows(clip, tick + 1)).values())
         self.observations.restart(env_ids, *self._sample(fresh, self.last_action[env_ids], rows.phase, self._episodes))
 
@@ -308,6 +316,7 @@ _AVERAGES = ("average", "uniform_average", "survival_chance", "_log")
 _CURRICULA = ("error_limit", "penalty_scale", "randomization")
 _BUFFERS = (
     "clip", "tick", "start_tick", "episode_steps", "uniform_start", "last_action", "air_time_s",
+    "position_error_m", "error_change_m",
     "observations.actor_history", "observations.critic_history", "pushes.wait_s",
 )  # fmt: skip
 
