@@ -164,18 +164,18 @@ def gather_index(group: ObservationGroup, dims: Mapping[str, int]) -> np.ndarray
     return np.concatenate(parts).astype(np.int64)
 
 
-OLDER_TERMS = ("actions", "dof_pos", "projected_gravity")
+PBHC_SCALES = {"base_ang_vel": 0.25, "dof_vel": 0.05}  # of every other term 1
+OLDER_TERMS = ("actions", "base_ang_vel", "dof_pos", "projected_gravity")
 
 
 def pbhc_actor_group(name: str = "actor_obs", older_lags: tuple[int, ...] = ()) -> ObservationGroup:
     """The layout of PBHC's released actors: 380 numbers for 23 joints (paper Table 5, released config).
 
-    ``older_lags`` (beyond 4) add actions, joint positions and gravity of earlier ticks at the end, term by term.
+    ``older_lags`` (beyond 4) add ``OLDER_TERMS`` of earlier ticks at the end, term by term.
     """
-    scales = {"base_ang_vel": 0.25, "dof_vel": 0.05}
 
     def at(term: str, *lags: int) -> ObservationTerm:
-        return ObservationTerm(term, lags, scales.get(term, 1.0))
+        return ObservationTerm(term, lags, PBHC_SCALES.get(term, 1.0))
 
     now_first = ("actions", "base_ang_vel", "dof_pos", "dof_vel")
     now_last = ("projected_gravity", "ref_motion_phase")

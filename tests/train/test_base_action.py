@@ -9,7 +9,7 @@ import torch
 
 from motion.library import open_motion
 from motion.reference import build_reference
-from policy.observation import pbhc_actor_group
+from policy.observation import OLDER_TERMS, pbhc_actor_group
 from policy.spec import ObservationGroup
 from robot.mjcf import compile_model
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
@@ -195,23 +195,26 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
         "ref_motion_phase": (ticks / reference.num_ticks)[:, None],
     }
     recent = base.features.size - base.deviation.drift.size
-    assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 23 + 3)
+    assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 3 + 23 + 3)
     assert base.look(observed(group, rows))[1][0, recent:] == pytest.approx(0.0, abs=1e-5)
 
     added = np.random.default_rng(0).normal(size=(len(ticks), 23)) * 0.1
     rows["dof_pos"] = rows["dof_pos"] + added
     rows["actions"] = rows["actions"] - added
-    drift = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 49).numpy()
+    turning = added[:, :3]
+    rows["base_ang_vel"] = turning
+    drift = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 52).numpy()
     for block, seen in zip(BLOCKS, drift, strict=True):
         mean = added[list(block)].mean(axis=0)
         assert seen[:23] == pytest.approx(-0.5 * mean, abs=1e-5)
-        assert seen[23:46] == pytest.approx(3.0 * mean, abs=1e-5)
-        assert seen[46:] == pytest.approx(0.0, abs=1e-5)
+        assert seen[23:26] == pytest.approx(3.0 * mean[:3], abs=1e-5)
+        assert seen[26:49] == pytest.approx(3.0 * mean, abs=1e-5)
+        assert seen[49:] == pytest.approx(0.0, abs=1e-5)
 
     # The history begins 14 ticks ago: the block that reaches back to 16 tells nothing, the other the same as before.
-    for term in ("actions", "dof_pos", "projected_gravity"):
+    for term in OLDER_TERMS:
         rows[term][14:] = 0.0
-    begun = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 49).numpy()
+    begun = base.look(observed(group, rows))[1][0, recent:].reshape(len(BLOCKS), 52).numpy()
     assert begun[0] == pytest.approx(drift[0], abs=1e-6) and not begun[1].any()
 
 
@@ -221,7 +224,7 @@ def test_the_network_does_not_see_the_earlier_ticks_themselves():
                              swaying_reference(robot, 0.5), 0.25, older_lags=BLOCKS)  # fmt: skip
     mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
     actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
-    assert actor.observation_size == 380 + 5 * 49
+    assert actor.observation_size == 380 + 5 * 52
     observation = torch.randn(2, actor.observation_size)
     inputs, action = actor.look(observation)
     assert torch.equal(inputs[:, :380], observation[:, :380])

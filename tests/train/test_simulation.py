@@ -97,6 +97,31 @@ def test_domains_differ_and_reach_the_models():
     assert model.body_subtreemass[1] == pytest.approx(model.body_mass.sum(), rel=1e-9)
 
 
+def test_soles_bear_where_their_points_were_drawn_to():
+    """MuJoCo's contacts of a standing robot lie at the drawn points, none missed, the nominal robot's unmoved."""
+    sim = simulator(DomainRanges(sole_scale=(0.5, 0.9), nominal_share=0.5), num_envs=4)
+    assert 0.5 <= float(sim.domain.sole_scale[2:].min()) < 0.6 and float(sim.domain.sole_scale[2:].max()) <= 0.9
+    for env in range(4):
+        model = sim._models[env]
+        data = mujoco.MjData(model)
+        data.qpos[:] = standing(1)[0][0].double()
+        mujoco.mj_forward(model, data)
+        data.qpos[2] -= min(data.geom_xpos[model.geom_bodyid > 0, 2]) - 0.004
+        mujoco.mj_forward(model, data)
+        found = []
+        for index, (foot, corners) in enumerate(g1().sole_points_m.items()):
+            scale = sim.domain.sole_scale[env].double().numpy().reshape(2, 6)[index, :, None]
+            centre = corners[:, :2].mean(axis=0)
+            expected = centre + scale * (corners[:, :2] - centre)
+            place, turn = data.body(foot).xpos, data.body(foot).xmat.reshape(3, 3)
+            contacts = [c.pos for c in data.contact if model.geom_bodyid[c.geom2] == model.body(foot).id]
+            local = np.array([(turn.T @ (pos - place))[:2] for pos in contacts])
+            assert local[np.lexsort(local.T)] == pytest.approx(expected[np.lexsort(expected.T)], abs=1e-3)
+            found.append(len(contacts))
+        assert found == [6, 6]
+    assert (sim.domain.sole_scale[:2] == 1.0).all()
+
+
 def test_inertia_may_differ_at_the_ankles_only():
     ranges = DomainRanges(inertia_scale=(0.9, 0.95), inertia_of="ankles")
     scale = simulator(ranges).domain.inertia_scale

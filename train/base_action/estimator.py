@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from motion.reference import Reference
-from policy.observation import num_lags, pbhc_actor_group, term_dims
+from policy.observation import OLDER_TERMS, PBHC_SCALES, num_lags, pbhc_actor_group, term_dims
 from robot.robot import Robot
 from robot.rotations import cross, projected_gravity, quat_rotate_inverse
 
@@ -163,10 +163,11 @@ class Deviation(nn.Module):
 
 
 class Drift(nn.Module):
-    """Mean deviation (B, blocks · (J+J+3)) of actions, joints and gravity over blocks of earlier ticks, scaled.
+    """Mean deviation (B, blocks · (J+3+J+3)) of `OLDER_TERMS` over blocks of earlier ticks, scaled.
 
     Torques, masses and a centre of mass that are not the nominal ones show in what a robot leans to for a second; five
-    noisy ticks hide them. A block that begins before the start counts for nothing.
+    noisy ticks hide them. How far it has turned away on a pivoting foot shows in its angular velocity over that second.
+    A block that begins before the start counts for nothing.
 
     Args:
         blocks: the lags of each block, rising; the last columns of the observation hold them term by term
@@ -176,27 +177,30 @@ class Drift(nn.Module):
     """
 
     scale: torch.Tensor
+    observation_scale: torch.Tensor
 
     def __init__(self, blocks: tuple[tuple[int, ...], ...], joints: int, reference: torch.Tensor) -> None:
         super().__init__()
-        self._counts, self._joints = [len(block) for block in blocks], joints
-        self.size = len(blocks) * (2 * joints + 3)
-        self.width = sum(self._counts) * (2 * joints + 3)
-        gravity, _, positions, _, actions = reference.split([3, 3, joints, joints, joints], dim=1)
-        wanted, ticks = torch.cat([actions, positions, gravity], dim=1), torch.arange(len(reference))
+        self._counts, self._sizes = [len(block) for block in blocks], [joints, 3, joints, 3]
+        self.size = len(blocks) * sum(self._sizes)
+        self.width = sum(self._counts) * sum(self._sizes)
+        gravity, turning, positions, _, actions = reference.split([3, 3, joints, joints, joints], dim=1)
+        wanted, ticks = torch.cat([actions, turning, positions, gravity], dim=1), torch.arange(len(reference))
         for number, block in enumerate(blocks):
             rows = [wanted[(ticks - lag).clamp(min=0)] for lag in block]
             self.register_buffer(f"wanted_{number}", torch.stack(rows).mean(dim=0))
-        scale = torch.full((2 * joints + 3,), DEVIATION_SCALE)
+        scale = torch.full((sum(self._sizes),), DEVIATION_SCALE)
         scale[:joints] = LAST_ACTION_SCALE
         self.register_buffer("scale", scale)
+        units = [np.full(n, PBHC_SCALES.get(t, 1.0)) for t, n in zip(OLDER_TERMS, self._sizes, strict=True)]
+        self.register_buffer("observation_scale", torch.as_tensor(np.concatenate(units)).float())
 
     def forward(self, observation: torch.Tensor, phase: torch.Tensor) -> torch.Tensor:
         """Of observations (B, 380 + width) at phases (B,)."""
         older, lags = observation[:, -self.width :], sum(self._counts)
-        sizes = [self._joints, self._joints, 3]
-        terms = older.split([lags * size for size in sizes], dim=1)
-        seen = torch.cat([term.reshape(-1, lags, size) for term, size in zip(terms, sizes, strict=True)], dim=2)
+        terms = older.split([lags * size for size in self._sizes], dim=1)
+        parts = [term.reshape(-1, lags, size) for term, size in zip(terms, self._sizes, strict=True)]
+        seen = torch.cat(parts, dim=2) / self.observation_scale
         drifts = []
         for number, block in enumerate(seen.split(self._counts, dim=1)):
             known = (block[:, -1, -3:].square().sum(dim=1, keepdim=True) > 0.25).to(block.dtype)

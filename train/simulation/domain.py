@@ -15,11 +15,13 @@ class DomainRanges:
 
     ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
     control delay, drawn per episode, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
-    sliding friction of foot on ground; ``inertia_of`` names the links whose inertia differs: all that masses differ of,
-    or the ankles; ``nominal_share`` of the environments are nominal in all of this.
+    sliding friction of foot on ground; ``sole_scale`` moves each point of a sole towards the sole's centre, as no two
+    contact models agree on where a flat foot bears; ``inertia_of`` names the links whose inertia differs: all that
+    masses differ of, or the ankles; ``nominal_share`` of the environments are nominal in all of this.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)
+    sole_scale: tuple[float, float] = (1.0, 1.0)
     kp_scale: tuple[float, float] = (1.0, 1.0)
     kd_scale: tuple[float, float] = (1.0, 1.0)
     mass_scale: tuple[float, float] = (1.0, 1.0)
@@ -39,7 +41,7 @@ class DomainRanges:
         ranges = (f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple))
         for name in ranges:
             ordered(f"{where}.{name}", getattr(self, name))
-        for name in ("friction", "mass_scale", "inertia_scale"):
+        for name in ("friction", "sole_scale", "mass_scale", "inertia_scale"):
             positive(f"{where}.{name}[0]", getattr(self, name)[0])
         within(f"{where}.nominal_share", self.nominal_share, 0.0, 1.0)
         for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
@@ -50,10 +52,12 @@ class DomainRanges:
 class Domain:
     """One draw per environment: what its model is built from and what the critic is told.
 
-    Shapes: friction (B,), kp_scale and kd_scale (B, J), mass_scale and inertia_scale (B, M), com_offset_m (B, 3).
+    Shapes: friction (B,), sole_scale (B, P) with the points of both soles, kp_scale and kd_scale (B, J), mass_scale
+    and inertia_scale (B, M), com_offset_m (B, 3).
     """
 
     friction: torch.Tensor
+    sole_scale: torch.Tensor
     kp_scale: torch.Tensor
     kd_scale: torch.Tensor
     mass_scale: torch.Tensor
@@ -80,6 +84,7 @@ def nominal_domain(num_envs: int, robot: Robot) -> Domain:
     joints, bodies = robot.num_joints, len(robot.randomized_mass_bodies)
     return Domain(
         friction=torch.ones(num_envs),
+        sole_scale=torch.ones(num_envs, _num_sole_points(robot)),
         kp_scale=torch.ones(num_envs, joints),
         kd_scale=torch.ones(num_envs, joints),
         mass_scale=torch.ones(num_envs, bodies),
@@ -104,4 +109,9 @@ def draw_domain(num_envs: int, robot: Robot, ranges: DomainRanges, generator: to
             torch.tensor(differs), uniform((num_envs, bodies), *ranges.inertia_scale, generator), 1.0
         ),
         com_offset_m=com,
+        sole_scale=uniform((num_envs, _num_sole_points(robot)), *ranges.sole_scale, generator),
     )
+
+
+def _num_sole_points(robot: Robot) -> int:
+    return sum(len(points) for points in robot.sole_points_m.values())

@@ -225,6 +225,8 @@ def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, rob
     torso = nominal.body(robot.randomized_com_body).id
     feet = {nominal.body(name).id for name in robot.feet}
     foot_geoms = np.array([g for g in range(nominal.ngeom) if nominal.geom_bodyid[g] in feet])
+    sole, centre = _sole(nominal, robot)
+    from_centre = nominal.geom_pos[sole, :2] - centre
     scratch = mujoco.MjData(nominal)
     values = {name: value.double().numpy() for name, value in vars(domain).items()}
     for env, model in enumerate(models):
@@ -232,7 +234,18 @@ def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, rob
         model.body_inertia[bodies] = nominal.body_inertia[bodies] * values["inertia_scale"][env][:, None]
         model.body_ipos[torso] = nominal.body_ipos[torso] + values["com_offset_m"][env]
         model.geom_friction[foot_geoms, 0] = values["friction"][env]
+        model.geom_pos[sole, :2] = centre + values["sole_scale"][env][:, None] * from_centre
         model.actuator_gainprm[:, 0] = nominal.actuator_gainprm[:, 0] * values["kp_scale"][env]
         model.actuator_biasprm[:, 1] = nominal.actuator_biasprm[:, 1] * values["kp_scale"][env]
         model.actuator_biasprm[:, 2] = nominal.actuator_biasprm[:, 2] * values["kd_scale"][env]
         mujoco.mj_setConst(model, scratch)
+
+
+def _sole(model: mujoco.MjModel, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """The spheres (P,) of both soles, and for each the centre (P, 2) of its sole in the foot's frame."""
+    spheres, centres = [], []
+    for name in robot.feet:
+        of_foot = (model.geom_bodyid == model.body(name).id) & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
+        spheres.append(np.flatnonzero(of_foot))
+        centres.append(np.repeat(model.geom_pos[of_foot, :2].mean(axis=0, keepdims=True), of_foot.sum(), axis=0))
+    return np.concatenate(spheres), np.concatenate(centres)
