@@ -41,6 +41,8 @@ class Simulator(Protocol):
     episodes: torch.Generator
     randomization: float
     domain: Domain
+    differs: torch.Tensor
+    """(B,) 1, or 0 where an environment is nominal whatever the randomisation is."""
 
     @property
     def delay_s(self) -> torch.Tensor:
