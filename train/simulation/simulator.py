@@ -34,7 +34,10 @@ class PhysicsState:
 
 
 class Simulator(Protocol):
-    """Physics of B independent robots, advanced one control period at a time."""
+    """Physics of B independent robots, advanced one control period at a time.
+
+    ``differs`` (B,) is 1, or 0 where a robot is nominal whatever ``randomization`` is.
+    """
 
     num_envs: int
     generator: torch.Generator
@@ -42,7 +45,6 @@ class Simulator(Protocol):
     randomization: float
     domain: Domain
     differs: torch.Tensor
-    """(B,) 1, or 0 where an environment is nominal whatever the randomisation is."""
 
     @property
     def delay_s(self) -> torch.Tensor:
