@@ -21,6 +21,7 @@ EXPECTED = {
     "taichi": (15.0, 20.0, 3.0, 0.02, 0.015),
     "horse_stance_punch": (8.0, 13.0, 6.5, 0.008, None),
     "side_kick": (6.0, 10.0, 6.0, 0.015, 0.015),
+    "steps": (20.0, 25.0, 7.0, 0.008, None),
     "charleston": (8.0, 12.0, 6.5, 0.02, None),
 }
 GRAVITY_M_S2 = 9.81
