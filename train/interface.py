@@ -65,6 +65,14 @@ class TrackingEnv(Protocol):
         ...
 
 
+class Trimmer(Protocol):
+    """Corrects what is not learnt of the actor, by itself, with its own randomness."""
+
+    def trim(self, act: Policy) -> dict[str, float]:
+        """Correct the actor whose policy is ``act``; return figures."""
+        ...
+
+
 class Evaluator(Protocol):
     """Judges an actor by itself, with its own randomness, so that training goes on unchanged."""
 

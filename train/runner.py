@@ -11,7 +11,7 @@ import torch
 
 from train.checkpoint import Checkpoints
 from train.export import deployed
-from train.interface import Evaluator, Policy, TrackingEnv
+from train.interface import Evaluator, Policy, TrackingEnv, Trimmer
 from train.learner.networks import Actor
 from train.learner.ppo import Ppo
 from train.nan_guard import NanGuard, NonFiniteError
@@ -22,12 +22,13 @@ CHECKPOINT_INTERVAL_S = 300.0
 
 @dataclass(frozen=True)
 class Budget:
-    """When a run ends and how often it saves and judges. ``minutes`` count over all lives of a resumed run."""
+    """When a run ends and how often it saves, judges and trims. ``minutes`` count over all lives of a resumed run."""
 
     iterations: int | None
     minutes: float | None
     checkpoint_every: int
     evaluate_every: int | None
+    trim_every: int | None = None
 
 
 @dataclass
@@ -66,6 +67,7 @@ class Runner:
         document: resolved configuration, stored in checkpoints and dumps.
         progress: where rows go.
         evaluator: judge of the actor; None: the last weights are exported.
+        trimmer: corrects the actor between iterations.
         should_stop: asked after each iteration; True saves and ends the run.
     """
 
@@ -78,10 +80,11 @@ class Runner:
         document: Mapping[str, Any],
         progress: Progress,
         evaluator: Evaluator | None = None,
+        trimmer: Trimmer | None = None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self._env, self._learner, self._budget, self._run_dir = env, learner, budget, run_dir
-        self._document, self._progress, self._evaluator = dict(document), progress, evaluator
+        self._document, self._progress, self._evaluator, self._trimmer = dict(document), progress, evaluator, trimmer
         self._should_stop = should_stop
         self._checkpoints = Checkpoints(run_dir)
         self._guard = NanGuard(env)
@@ -105,6 +108,8 @@ class Runner:
             self.samples += self._env.num_envs * self._learner.settings.horizon
             if self._is_due(self._budget.evaluate_every):
                 row |= self._evaluate()
+            if self._is_due(self._budget.trim_every) and not self._is_finished():
+                row |= self._trim()
             self._report(row)
             if self._is_due(self._budget.checkpoint_every) or self._is_save_overdue():
                 self.save()
@@ -198,6 +203,14 @@ class Runner:
         self.best = self.best.after(self.iteration, figures, self._weights)
         row = {f"evaluation/{name}": value for name, value in figures.items()}
         return row | {"time/evaluate_s": time.monotonic() - begun_s}
+
+    def _trim(self) -> dict[str, float]:
+        """Correct the actor with the averaged weights. What learns from now on learns beside the correction."""
+        if self._trimmer is None:
+            return {}
+        begun_s = time.monotonic()
+        figures = self._trimmer.trim(self.policy())
+        return {f"trim/{name}": value for name, value in figures.items()} | {"time/trim_s": time.monotonic() - begun_s}
 
     def _weights(self) -> dict[str, torch.Tensor]:
         return {name: value.clone() for name, value in self._learner.average.weights.items()}

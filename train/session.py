@@ -17,6 +17,7 @@ from robot.errors import InputError
 from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
 from train.base_action.build import base_action_of
+from train.base_action.trim import Trim
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.environment.evaluator import NoisyStartEvaluator
@@ -94,13 +95,22 @@ def train(setup: Setup) -> None:
         fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
     )  # fmt: skip
     learner = build_learner(config, env, base)
-    budget = Budget(config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every)
+    budget = Budget(
+        config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_every
+    )
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads
     )
+    trimmer = None
+    if base is not None:
+        trimmer = Trim(
+            base, config.environment, setup.robot, reference,
+            num_envs=config.num_envs, seed=EVALUATION_SEED, threads=config.threads,
+        )  # fmt: skip
     runner = Runner(
-        env, learner, budget, setup.run_dir, setup.document, progress, evaluator, should_stop=lambda: stop.asked
-    )
+        env, learner, budget, setup.run_dir, setup.document, progress, evaluator, trimmer,
+        should_stop=lambda: stop.asked,
+    )  # fmt: skip
     runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
         _restore(runner, setup)

@@ -26,11 +26,11 @@ def test_one_iteration_is_the_last_weights():
     assert fed(1, [3.0, 5.0, 10.0]) == 10.0
 
 
-def test_counters_are_copied():
-    average = WeightAverage(10, {"count": torch.tensor(0)})
+def test_what_is_not_learnt_is_copied():
+    average = WeightAverage(10, {"count": torch.tensor(0), "w": torch.zeros(1)}, copied=["count"])
     for count in (7, 9):
-        average.update({"count": torch.tensor(count)})
-    assert int(average.weights["count"]) == 9
+        average.update({"count": torch.tensor(count), "w": torch.full((1,), float(count))})
+    assert int(average.weights["count"]) == 9 and float(average.weights["w"]) == 8.0
 
 
 def test_the_learner_averages_after_each_update_and_explores_with_the_last_weights():

@@ -157,6 +157,26 @@ def test_judging_does_not_change_the_training(tmp_path):
     assert trained == rows(tmp_path / "a")
 
 
+class ScriptedTrimmer:
+    """Remembers what it was asked to trim."""
+
+    def __init__(self):
+        self.seen = []
+
+    def trim(self, act):
+        self.seen.append(act(torch.ones(1, 7)))
+        return {"share": 0.5}
+
+
+def test_trims_the_averaged_actor_between_iterations_after_it_was_judged(tmp_path):
+    """Every second iteration but the last, after which nothing would learn beside the correction."""
+    trimmer, evaluator = ScriptedTrimmer(), ScriptedEvaluator([3.0, 2.0, 1.0])
+    runner = make_runner(tmp_path, 6, trimmer=trimmer, trim_every=2, evaluator=evaluator, evaluate_every=2)
+    runner.run()
+    assert [row["iteration"] for row in rows(tmp_path) if row.get("trim/share") == 0.5] == [2, 4]
+    assert all(torch.equal(a, b) for a, b in zip(trimmer.seen, evaluator.seen))
+
+
 def test_environment_hears_of_each_iteration(tmp_path):
     env = PointMassEnv()
     make_runner(tmp_path, 3, env=env).run()

@@ -20,7 +20,7 @@ from train.base_action.features import NominalFeatures
 from train.base_action.feedback import FeedbackCosts, add_stance_welds, feedback_gains
 from train.base_action.feedforward import feedforward_targets
 from train.base_action.plant import SUBSTEP_S
-from train.phase_basis import num_knots
+from train.phase_basis import num_knots, phase_hats
 from train.structured import at_least, positive
 
 
@@ -31,6 +31,7 @@ class BaseActionSettings:
     ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
     ``estimate``: how the deviation is estimated, by averages alone or with a correction fitted to rollouts.
     ``features``: whether the actor's network sees :class:`train.base_action.features.NominalFeatures` too.
+    ``trim_every``: iterations after which :class:`train.base_action.trim.Trim` moves the targets anew; None: never.
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
     Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
@@ -39,6 +40,7 @@ class BaseActionSettings:
     aim: Literal["feasible", "reference"] = "reference"
     estimate: Literal["averaged", "fitted"] = "averaged"
     features: bool = False
+    trim_every: int | None = None
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
     costs: FeedbackCosts = field(default_factory=FeedbackCosts)
@@ -46,6 +48,8 @@ class BaseActionSettings:
     def __post_init__(self) -> None:
         positive("base_action.feedback_clip_rad", self.feedback_clip_rad)
         at_least("base_action.knot_ticks", self.knot_ticks, 1)
+        if self.trim_every is not None:
+            at_least("base_action.trim_every", self.trim_every, 1)
 
 
 class BaseAction(nn.Module):
@@ -78,6 +82,11 @@ class BaseAction(nn.Module):
     def phase(self, observation: torch.Tensor) -> torch.Tensor:
         """Where in its tables (B,), 0 to 1, an observation (B, 380+) is."""
         return (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
+
+    def move_targets(self, offsets: torch.Tensor) -> None:
+        """Add offsets (K, J), raw actions at knots spread evenly over the clip."""
+        hats = phase_hats(torch.linspace(0.0, 1.0, len(self.targets)), len(offsets))
+        self.targets += hats @ offsets
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """See the class."""

@@ -17,6 +17,7 @@ STARTS = {"nominal": 24, "randomized": 96}  # who falls differs by chance, how f
 START_NOISE_RAD = 0.02
 FALL_HEIGHT_SHARE = 0.4
 FALL_COST = 1000.0
+ERROR_WEIGHT = 0.1
 
 
 class NoisyStartEvaluator:
@@ -37,19 +38,7 @@ class NoisyStartEvaluator:
         self, settings: EnvironmentSettings, robot: Robot, reference: Reference, *, seed: int, threads: int
     ) -> None:
         self._reference, self._robot, self._seed, self._threads = reference, robot, seed, threads
-        height = float(reference.root_pos_w[0, 2]) * FALL_HEIGHT_SHARE
-        fixed = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
-        common = replace(
-            settings,
-            randomization=replace(settings.randomization, nominal_share=0.0),
-            start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
-            termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
-        )
-        nominal = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
-        self._settings = {
-            "nominal": replace(common, randomization_scale=nominal, observation_noise={}),
-            "randomized": replace(common, randomization_scale=fixed),
-        }
+        self._settings = whole_clip(settings, reference)
 
     def evaluate(self, act: Policy) -> dict[str, float]:
         """See :class:`train.interface.Evaluator`."""
@@ -60,12 +49,31 @@ class NoisyStartEvaluator:
             )
             figures |= {f"{name}_{key}": value for key, value in _play(env, act, self._reference.num_ticks).items()}
         scores = [
-            figures[f"{name}_empbpe_mm"] + 0.1 * figures[f"{name}_eg_mpbpe_mm"] + FALL_COST * figures[f"{name}_falls"]
+            figures[f"{name}_empbpe_mm"]
+            + ERROR_WEIGHT * figures[f"{name}_eg_mpbpe_mm"]
+            + FALL_COST * figures[f"{name}_falls"]
             for name in self._settings
         ]
         falls = {name: figures[f"{name}_falls"] for name in self._settings}
         error = FALL_COST * math.sqrt(sum(share * (1.0 - share) / STARTS[name] for name, share in falls.items()))
         return {"score": sum(scores) / len(scores), "score_error": error / len(scores), **figures}
+
+
+def whole_clip(settings: EnvironmentSettings, reference: Reference) -> dict[str, EnvironmentSettings]:
+    """Settings under which robots play ``reference`` from noisy starts until they fall: nominal and randomized ones."""
+    height = float(reference.root_pos_w[0, 2]) * FALL_HEIGHT_SHARE
+    full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
+    common = replace(
+        settings,
+        randomization=replace(settings.randomization, nominal_share=0.0),
+        start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
+        termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
+    )
+    none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
+    return {
+        "nominal": replace(common, randomization_scale=none, observation_noise={}),
+        "randomized": replace(common, randomization_scale=full),
+    }
 
 
 def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:

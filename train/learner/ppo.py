@@ -97,7 +97,9 @@ class Ppo:
         self._parameters = [[p for p in net.parameters() if p.requires_grad] for net in (actor, critic)]
         groups = [{"params": parameters, "lr": settings.learning_rate} for parameters in self._parameters]
         self.optimizer = torch.optim.Adam(groups, fused=True)
-        self.average = WeightAverage(settings.average_iterations, actor.state_dict())
+        self.average = WeightAverage(
+            settings.average_iterations, actor.state_dict(), copied=dict(actor.named_buffers())
+        )
         self._old_log_std = actor.log_std.detach().clone()
         self._seen: list[Tensor] = []  # raw observations of the critic, for its normaliser
 
