@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+_CLOCKED = ("collect", "learn", "evaluate", "trim")
 _WITHIN_COLLECTING = (
     ("the actor acts", "time/act_s"),
     ("the environment steps", "time/step_s"),
@@ -31,7 +32,7 @@ def time_split(rows: Sequence[Mapping[str, Any]]) -> list[Part]:
     """
     if not rows:
         return []
-    collect, learn, judge, save = (_sum(rows, f"time/{name}_s") for name in ("collect", "learn", "evaluate", "save"))
+    collect, learn, judge, trim, save = (_sum(rows, f"time/{name}_s") for name in (*_CLOCKED, "save"))
     inner = [Part(name, _sum(rows, key), within=True) for name, key in _WITHIN_COLLECTING]
     prepare = _beyond_parts(rows[:1], float(rows[0].get("time/wall_s") or 0.0))
     rest = _beyond_parts(rows, float(rows[-1].get("time/wall_s") or 0.0) - prepare)
@@ -41,6 +42,7 @@ def time_split(rows: Sequence[Mapping[str, Any]]) -> list[Part]:
         *(part for part in inner if part.seconds > 0.0),
         Part("learning", learn),
         Part("evaluating", judge),
+        Part("trimming", trim),
         Part("saving: checkpoints, curves, report", save),
         Part("everything else", rest),
     ]
@@ -52,7 +54,7 @@ def total_s(parts: Sequence[Part]) -> float:
 
 
 def _beyond_parts(rows: Sequence[Mapping[str, Any]], wall_s: float) -> float:
-    return max(0.0, wall_s - sum(_sum(rows, f"time/{name}_s") for name in ("collect", "learn", "evaluate")))
+    return max(0.0, wall_s - sum(_sum(rows, f"time/{name}_s") for name in _CLOCKED))
 
 
 def _sum(rows: Sequence[Mapping[str, Any]], key: str) -> float:
