@@ -8,7 +8,9 @@ alone finds them slowly, as they last for tenths of a second and its noise for a
 
 from dataclasses import replace
 
+import numpy as np
 import torch
+from scipy.linalg import solveh_banded
 
 from motion.reference import Reference
 from robot.robot import Robot
@@ -117,18 +119,20 @@ def whole_step(probes: torch.Tensor, error_m: torch.Tensor, phases: torch.Tensor
         phases: (T,) where in the clip, 0 to 1.
     """
     _, knots, joints = probes.shape
-    normal = torch.zeros(knots * joints, knots * joints, dtype=torch.float64)
-    pull = torch.zeros(knots * joints, dtype=torch.float64)
+    band = np.zeros(((MEMORY_KNOTS + 1) * joints, knots * joints))  # of the normal matrix: row d is its d-th diagonal
+    band[0] = PRICE_M2
+    pull = np.zeros(knots * joints)
     root_m = error_m[:, :, :1]
     wanted = torch.cat([error_m - root_m, ROOT_WEIGHT * root_m], dim=2).flatten(2).double()
     for tick, phase in enumerate(phases.tolist()):
         last = min(knots - 1, int(phase * (knots - 1)) + 1)
         columns = slice(max(0, last - MEMORY_KNOTS) * joints, (last + 1) * joints)
         mean, answer = _answer(probes.flatten(1)[:, columns].double(), wanted[:, tick])
-        normal[columns, columns] += answer @ answer.T / len(phases)
-        pull[columns] -= answer @ mean / len(phases)
-    normal += PRICE_M2 * torch.eye(len(normal), dtype=torch.float64)
-    return torch.linalg.solve(normal, pull).view(knots, joints).float()
+        pull[columns] -= (answer @ mean).numpy() / len(phases)
+        square = (answer @ answer.T).numpy() / len(phases)
+        for away in range(len(square)):
+            band[away, columns.start : columns.stop - away] += square.diagonal(away)
+    return torch.from_numpy(solveh_banded(band, pull, lower=True)).view(knots, joints).float()
 
 
 def _answer(probes: torch.Tensor, errors: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
