@@ -22,13 +22,17 @@ CHECKPOINT_INTERVAL_S = 300.0
 
 @dataclass(frozen=True)
 class Budget:
-    """When a run ends and how often it saves, judges and trims. ``minutes`` count over all lives of a resumed run."""
+    """When a run ends, and when it saves, judges and trims. ``minutes`` count over all lives of a resumed run.
+
+    The actor is trimmed after ``trim_first`` iterations and each time that they have doubled since, as the policy's
+    steps shrink alike: each trim is followed by as much learning as lay between it and the one before.
+    """
 
     iterations: int | None
     minutes: float | None
     checkpoint_every: int
     evaluate_every: int | None
-    trim_every: int | None = None
+    trim_first: int | None = None
 
 
 @dataclass
@@ -108,7 +112,7 @@ class Runner:
             self.samples += self._env.num_envs * self._learner.settings.horizon
             if self._is_due(self._budget.evaluate_every):
                 row |= self._evaluate()
-            if self._is_due(self._budget.trim_every) and not self._is_finished():
+            if self._is_trim_due() and not self._is_finished():
                 row |= self._trim()
             self._report(row)
             if self._is_due(self._budget.checkpoint_every) or self._is_save_overdue():
@@ -222,6 +226,10 @@ class Runner:
 
     def _is_due(self, every: int | None) -> bool:
         return every is not None and self.iteration % every == 0
+
+    def _is_trim_due(self) -> bool:
+        first = self._budget.trim_first
+        return first is not None and self._is_due(first) and (self.iteration // first).bit_count() == 1
 
     def _is_save_overdue(self) -> bool:
         """Whether another iteration like this one would end after the longest time between checkpoints."""

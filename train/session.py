@@ -96,7 +96,7 @@ def train(setup: Setup) -> None:
     )  # fmt: skip
     learner = build_learner(config, env, base)
     budget = Budget(
-        config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_every
+        config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_first
     )
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads

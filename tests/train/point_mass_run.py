@@ -36,7 +36,7 @@ def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpo
     env = env or PointMassEnv()
     state = Checkpoints(run_dir).load_newest() if resume else None
     progress = Progress(run_dir, state["iteration"] if state else 0, console=io.StringIO())
-    every = [options.pop(name, None) for name in ("evaluate_every", "trim_every")]
+    every = [options.pop(name, None) for name in ("evaluate_every", "trim_first")]
     budget = Budget(iterations, None, checkpoint_every, *every)
     learner = make_learner(env, *overrides)
     runner = Runner(env, learner, budget, run_dir, {"motion": "none"}, progress, **options)

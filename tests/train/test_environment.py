@@ -208,23 +208,6 @@ def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     assert env.observations.actor()[:, -4:-1].tolist() == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
 
 
-def test_nominal_robots_have_no_sensor_noise():
-    """Of six robots the first two are nominal: at each tick, and at the start of an episode that begins later."""
-    noise = {"projected_gravity": 0.2, "dof_pos": 0.01}
-    env = small_env(num_envs=6, start=FIRST_FRAME, observation_noise=noise, randomization={"nominal_share": 0.34})
-    exact = small_env(num_envs=6, start=FIRST_FRAME)
-    for steps in (1, 3):
-        for _ in range(steps):
-            for e in (env, exact):
-                e.step(torch.zeros(6, 23))
-        away = (env.observations.actor() - exact.observations.actor()).abs().amax(dim=1)
-        assert away[:2].tolist() == [0.0, 0.0] and float(away[2:].min()) > 0.01
-        for e in (env, exact):
-            e._reset(torch.tensor([1, 4]))
-    away = (env.observations.actor() - exact.observations.actor()).abs().amax(dim=1)
-    assert float(away[1]) == 0.0 and float(away[4]) > 0.01
-
-
 def test_a_resumed_environment_continues_to_the_same_numbers():
     ranges = {"friction": [0.6, 1.1], "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]}
     changes = {

@@ -21,7 +21,7 @@ OVERRIDES = [
     "checkpoint_every=2",
     "learner.minibatches=2",
     "base_action.aim=reference",
-    "base_action.trim_every=3",
+    "base_action.trim_first=3",
 ]
 
 

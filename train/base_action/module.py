@@ -31,7 +31,8 @@ class BaseActionSettings:
     ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
     ``estimate``: how the deviation is estimated, by averages alone or with a correction fitted to rollouts.
     ``features``: whether the actor's network sees :class:`train.base_action.features.NominalFeatures` too.
-    ``trim_every``: iterations after which :class:`train.base_action.trim.Trim` moves the targets anew; None: never.
+    ``trim_first``: iterations after which :class:`train.base_action.trim.Trim` moves the targets, and again whenever
+    they have doubled; None: never.
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
     Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
@@ -40,7 +41,7 @@ class BaseActionSettings:
     aim: Literal["feasible", "reference"] = "reference"
     estimate: Literal["averaged", "fitted"] = "averaged"
     features: bool = False
-    trim_every: int | None = None
+    trim_first: int | None = None
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
     costs: FeedbackCosts = field(default_factory=FeedbackCosts)
@@ -48,8 +49,8 @@ class BaseActionSettings:
     def __post_init__(self) -> None:
         positive("base_action.feedback_clip_rad", self.feedback_clip_rad)
         at_least("base_action.knot_ticks", self.knot_ticks, 1)
-        if self.trim_every is not None:
-            at_least("base_action.trim_every", self.trim_every, 1)
+        if self.trim_first is not None:
+            at_least("base_action.trim_first", self.trim_first, 1)
 
 
 class BaseAction(nn.Module):

@@ -71,12 +71,12 @@ class Observations:
         last_action: torch.Tensor,
         phase: torch.Tensor,
         *,
-        noise_scale: torch.Tensor,
+        noise_scale: float,
         generator: torch.Generator,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the noisy actor sample (n, W) and the exact critic sample (n, W+3) of n environments.
 
-        The noise, times noise_scale (n, 1), is drawn from ``generator``.
+        The noise is drawn from ``generator``.
         """
         terms = ObservationInput(
             base_quat_wxyz=physics.root_quat_wxyz,

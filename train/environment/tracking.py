@@ -194,7 +194,7 @@ class TrackingEnv:
         self.position_error_m = position_error_m
         self._physics, self._bodies = t.physics, t.bodies
         self._target = self._table.rows(self.clip, self.tick + 1)
-        self.observations.push(*self._sample(slice(None), t.physics, t.action, t.reference.phase, self._generator))
+        self.observations.push(*self._sample(t.physics, t.action, t.reference.phase, self._generator))
 
     def _update_curricula(self, t: Tick, ended: torch.Tensor) -> None:
         self._log.episodes(self, ended)
@@ -226,20 +226,13 @@ class TrackingEnv:
         self.position_error_m[env_ids] = bodies.pos_w - rows.body_pos_w
         self.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - rows.body_lin_vel_w)
         _write_rows(vars(self._target).values(), env_ids, vars(self._table.rows(clip, tick + 1)).values())
-        self.observations.restart(
-            env_ids, *self._sample(env_ids, fresh, self.last_action[env_ids], rows.phase, self._episodes)
-        )
+        self.observations.restart(env_ids, *self._sample(fresh, self.last_action[env_ids], rows.phase, self._episodes))
 
     def _sample(
-        self,
-        rows: torch.Tensor | slice,
-        physics: PhysicsState,
-        last_action: torch.Tensor,
-        phase: torch.Tensor,
-        generator: torch.Generator,
+        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Sensor noise grows with the randomisation; nominal robots have none."""
-        scale = self.simulator.randomization * self.simulator.differs[rows, None]
+        """Sensor noise grows with the randomisation."""
+        scale = self.simulator.randomization
         return self.observations.sample(physics, last_action, phase, noise_scale=scale, generator=generator)
 
     def _observe(self) -> dict[str, torch.Tensor]:

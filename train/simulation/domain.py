@@ -17,8 +17,7 @@ class DomainRanges:
     control delay, drawn per episode, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
     sliding friction of foot on ground; ``sole_scale`` moves each point of a sole towards the sole's centre, as no two
     contact models agree on where a flat foot bears; ``inertia_of`` names the links whose inertia differs: all that
-    masses differ of, or the ankles; ``nominal_share`` of the environments are nominal in all of this and have no sensor
-    noise.
+    masses differ of, or the ankles; ``nominal_share`` of the environments are nominal in all of this.
     """
 
     friction: tuple[float, float] = (1.0, 1.0)

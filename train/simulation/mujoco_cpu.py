@@ -80,7 +80,7 @@ class MujocoCpuSimulator:
             model.dof_frictionloss[:] = 0.0
         self._nominal_model = model
         self._nominal = nominal_domain(num_envs, robot)
-        self.differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
+        self._differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
         self._drawn = draw_domain(num_envs, robot, ranges, generator)
         self._models = [copy.copy(model) for _ in range(num_envs)]
         self._rollout = Rollout(nthread=threads)
@@ -108,7 +108,7 @@ class MujocoCpuSimulator:
     def set_randomization(self, scale: float) -> None:
         """Move the model of every environment that differs to nominal + scale·(drawn − nominal)."""
         self.randomization = scale
-        self.domain = self._drawn.towards(self._nominal, scale * self.differs)
+        self.domain = self._drawn.towards(self._nominal, scale * self._differs)
         _write_models(self._models, self._nominal_model, self._robot, self.domain)
 
     @property
@@ -125,7 +125,7 @@ class MujocoCpuSimulator:
 
     def _draw_episode(self, env_ids: torch.Tensor) -> None:
         count, ranges, joints = len(env_ids), self._ranges, self._robot.num_joints
-        differs = self.differs[env_ids, None]
+        differs = self._differs[env_ids, None]
         delay = torch.round(self._draw_delay(count) * differs[:, 0] * self.randomization / self._substep_s)
         late = delay[:, None] - torch.arange(self._substeps)  # sub-steps until the newest command arrives
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()

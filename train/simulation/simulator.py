@@ -34,17 +34,13 @@ class PhysicsState:
 
 
 class Simulator(Protocol):
-    """Physics of B independent robots, advanced one control period at a time.
-
-    ``differs`` (B,) is 1, or 0 where a robot is nominal whatever ``randomization`` is.
-    """
+    """Physics of B independent robots, advanced one control period at a time."""
 
     num_envs: int
     generator: torch.Generator
     episodes: torch.Generator
     randomization: float
     domain: Domain
-    differs: torch.Tensor
 
     @property
     def delay_s(self) -> torch.Tensor:
