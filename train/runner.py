@@ -25,7 +25,7 @@ class Budget:
     """When a run ends, and when it saves, judges and trims. ``minutes`` count over all lives of a resumed run.
 
     The actor is trimmed after ``trim_first`` iterations and each time that they have doubled since, as the policy's
-    steps shrink alike: each trim is followed by as much learning as lay between it and the one before.
+    steps shrink alike: until the next trim there is as much learning as there was in all before.
     """
 
     iterations: int | None
