@@ -1,7 +1,7 @@
 #!/usr/bin/env -S python3 -P
 """Train one motion: train/run.py motion=NAME|FILE [KEY=VALUE ...] | resume=RUN_DIR | replay=NAN_DUMP.
 
-Presets: train=default|paper|pbhc_release. Keys: configs/train/config.yaml and the sections of the preset.
+Presets: train=default|pushes|paper|pbhc_release. Keys: configs/train/config.yaml and the sections of the preset.
 Ctrl-C saves, exports and ends in good order.
 """
 

@@ -8,9 +8,9 @@ from train.environment.evaluator import FALL_COST, NoisyStartEvaluator
 SECONDS = 0.8
 
 
-def evaluated(act) -> dict[str, float]:
+def evaluated(act, **changes) -> dict[str, float]:
     robot = g1()
-    evaluator = NoisyStartEvaluator(settings(), robot, swaying_reference(robot, SECONDS), seed=1, threads=2)
+    evaluator = NoisyStartEvaluator(settings(**changes), robot, swaying_reference(robot, SECONDS), seed=1, threads=2)
     return evaluator.evaluate(act)
 
 
@@ -21,6 +21,13 @@ def test_who_stands_gets_to_the_end():
     assert 100.0 < figures["nominal_empjpe_mrad"] < 400.0
     both = [figures[f"{n}_empbpe_mm"] + 0.1 * figures[f"{n}_eg_mpbpe_mm"] for n in ("nominal", "randomized")]
     assert figures["score"] == sum(both) / 2 + FALL_COST * figures["randomized_falls"] / 2
+
+
+def test_errors_are_those_to_a_reference_that_stays():
+    def still(observation):
+        return torch.zeros(len(observation), g1().num_joints)
+
+    assert evaluated(still, anchor_time_s=0.1) == evaluated(still)
 
 
 def test_randomised_starts_have_no_nominal_robots_among_them():

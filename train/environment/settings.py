@@ -130,6 +130,7 @@ class EnvironmentSettings:
     ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too, and through
     :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
+    ``anchor_time_s``: see :class:`train.environment.anchor.Anchor`.
     """
 
     rewards: dict[str, RewardTerm]
@@ -143,6 +144,7 @@ class EnvironmentSettings:
     critic_phase_knots: bool = False
     older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
+    anchor_time_s: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     push: PushSettings = field(default_factory=PushSettings)
     termination: TerminationSettings = field(default_factory=TerminationSettings)
@@ -186,6 +188,8 @@ class EnvironmentSettings:
             )  # fmt: skip
         if self.penalty_step_max is not None:
             positive("environment.penalty_step_max", self.penalty_step_max)
+        if self.anchor_time_s is not None:
+            positive("environment.anchor_time_s", self.anchor_time_s)
 
     def older_ticks(self) -> tuple[int, ...]:
         """All of ``older_lags``, in order."""

@@ -10,6 +10,7 @@ from robot.kinematics import Kinematics
 from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_rotate
 from train.environment.adaptive_sigma import AdaptiveSigma
+from train.environment.anchor import Anchor
 from train.environment.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage, SurvivalChance
 from train.environment.divergence import without_diverged
 from train.environment.observations import Observations, domain_view, reference_view
@@ -72,7 +73,7 @@ class TrackingEnv:
         self._physics = simulator.state()
         self._bodies = self._forward(self._physics)
         self.position_error_m, self.error_change_m = (torch.zeros_like(self._bodies.pos_w) for _ in range(2))
-        self._target = table.rows(self.clip, self.tick + 1)
+        self._target = self._next_target()
         observations = self.reset()
         self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
 
@@ -80,6 +81,7 @@ class TrackingEnv:
         s, envs = self.settings, self.num_envs
         self.observations = Observations(robot, envs, s.observation_noise, s.older_ticks())
         self.pushes = Pushes(s.push, envs, CONTROL_PERIOD_S, self._generator)
+        self.anchor = Anchor(envs, s.anchor_time_s, CONTROL_PERIOD_S)
         tracking = [name for name in self.reward_names if name in TRACKING]
         self.sigma = AdaptiveSigma(
             {name: float(s.rewards[name].sigma or 0.0) for name in tracking}, s.sigma_alpha, adaptive=s.adaptive_sigma
@@ -193,8 +195,12 @@ class TrackingEnv:
         self.error_change_m = position_error_m - self.position_error_m
         self.position_error_m = position_error_m
         self._physics, self._bodies = t.physics, t.bodies
-        self._target = self._table.rows(self.clip, self.tick + 1)
+        self.anchor.follow(t.physics.root_pos_w, t.physics.root_quat_wxyz, t.reference)
+        self._target = self._next_target()
         self.observations.push(*self._sample(t.physics, t.action, t.reference.phase, self._generator))
+
+    def _next_target(self) -> ReferenceRows:
+        return self.anchor.moved(self._table.rows(self.clip, self.tick + 1))
 
     def _update_curricula(self, t: Tick, ended: torch.Tensor) -> None:
         self._log.episodes(self, ended)
@@ -219,6 +225,7 @@ class TrackingEnv:
         self.episode_steps[env_ids] = 0
         self.last_action[env_ids] = 0.0
         self.air_time_s[env_ids] = 0.0
+        self.anchor.restart(env_ids)
         self._physics = self.simulator.state()
         fresh = PhysicsState(*(value[env_ids] for value in vars(self._physics).values()))
         bodies = self._forward(fresh)
@@ -305,7 +312,7 @@ class TrackingEnv:
             self._buffer(name).copy_(state["buffers"][name])
         self._physics = self.simulator.state()
         self._bodies = Bodies(*(value.clone() for value in state["bodies"]))
-        self._target = self._table.rows(self.clip, self.tick + 1)
+        self._target = self._next_target()
         self._load_common(state)
 
     def _buffer(self, path: str) -> torch.Tensor:
@@ -318,6 +325,7 @@ _BUFFERS = (
     "clip", "tick", "start_tick", "episode_steps", "uniform_start", "last_action", "air_time_s",
     "position_error_m", "error_change_m",
     "observations.actor_history", "observations.critic_history", "pushes.wait_s",
+    "anchor.place_m", "anchor.heading_rad",
 )  # fmt: skip
 
 
