@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CHOREOGRAPHIES = ROOT / "configs" / "motion"
 CLIPS = ROOT / "motion" / "clips"
 SETTINGS = "process"  # lies beside the choreographies: the settings of motion/process
-CORRECTIONS = 2
+CORRECTIONS = 4
 
 
 def choreography_names() -> list[str]:

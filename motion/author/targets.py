@@ -16,7 +16,7 @@ from robot.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 LIFT_SHARE = 0.15  # part of a step during which a foot next to the ground only rises or sinks
 CONTACT_HEIGHT_M = 0.002
 SETTLE_S = 0.5
-CORRECTION_WIDTH_S = 0.06
+CORRECTION_WIDTH_S = 0.03
 _X, _Y, _Z = np.eye(3)
 
 
