@@ -103,9 +103,8 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
     Raises:
         InputError: an override that Hydra refuses, or a switch with an unknown value.
     """
-    known = _compose([])
     paths, others = _split_paths(overrides)
-    document = _compose(others, known) | paths
+    document = _compose(others) | paths
     if document.get("motion") is None:
         raise InputError("no motion", where="motion", expected="motion=NAME or motion=FILE", hint="e.g. motion=taichi")
     document["precision"] = _resolved_precision(document["precision"])
@@ -155,13 +154,13 @@ def _split_paths(overrides: Sequence[str]) -> tuple[dict[str, str | None], list[
     return paths, others
 
 
-def _compose(overrides: Sequence[str], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def _compose(overrides: Sequence[str]) -> dict[str, Any]:
     try:
         with initialize_config_dir(str(CONFIG_DIR), version_base="1.3", job_name="train"):
             config = compose("config", overrides=list(overrides))
         return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     except (HydraException, OmegaConfBaseException, ValueError) as error:
-        raise _explained(error, known or {}) from error
+        raise _explained(error, _compose([]) if overrides else {}) from error
 
 
 def _explained(error: Exception, known: Mapping[str, Any]) -> InputError:

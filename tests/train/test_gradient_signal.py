@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.train.worlds import beginning_of
 from train.run import main as train_main
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "gradient_signal.py"
-SMALL = ("motion=stand", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
+SHORT = ("iterations=2", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,8 @@ def test_noise_biases_neither(gradient_signal):
 def test_reads_a_run_and_leaves_it_alone(gradient_signal, tmp_path, capsys, monkeypatch, override, names):
     monkeypatch.setenv("KATA_RENDERER", "none")
     run = tmp_path / "run"
-    assert train_main([*SMALL, override, "iterations=2", f"run_dir={run}"]) == 0
+    clip = beginning_of("stand", 2.0, tmp_path)
+    assert train_main([f"motion={clip}", *SHORT, override, f"run_dir={run}"]) == 0
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     tables = []
     for _ in range(2):

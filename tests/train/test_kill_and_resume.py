@@ -12,10 +12,10 @@ import pytest
 
 from policy.actor import load_actor
 from robot.robot import load_robot
+from tests.train.worlds import beginning_of
 
 ROOT = Path(__file__).resolve().parents[2]
 OVERRIDES = [
-    "motion=side_kick",
     "iterations=8",
     "num_envs=16",
     "checkpoint_every=2",
@@ -42,9 +42,10 @@ def rows(run_dir: Path) -> list[dict]:
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     whole, killed = folder / "whole", folder / "killed"
-    undisturbed = start(*OVERRIDES, f"run_dir={whole}")
+    overrides = [f"motion={beginning_of('side_kick', 2.5, folder)}", *OVERRIDES]
+    undisturbed = start(*overrides, f"run_dir={whole}")
     assert undisturbed.wait(timeout=240) == 0, undisturbed.stdout.read()
-    process = start(*OVERRIDES, f"run_dir={killed}")
+    process = start(*overrides, f"run_dir={killed}")
     for line in process.stdout:
         if line.startswith("iteration 5"):
             os.kill(process.pid, signal.SIGKILL)

@@ -1,8 +1,12 @@
 """A small real environment for the tests: the G1 on a short clip."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
-from motion.clip import Clip
+from motion.clip import ARRAY_FIELDS, Clip, save_clip
+from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from robot.robot import Robot, load_robot
 from train.environment.factory import build_environment
@@ -40,6 +44,15 @@ def swaying_clip(robot: Robot, seconds: float = 1.0) -> Clip:
         license="Apache-2.0",
         created_by="test",
     )
+
+
+def beginning_of(name: str, seconds: float, folder: Path) -> Path:
+    """The first seconds of the bundled clip `name` as a file of that name: what needs no whole clip takes less long."""
+    clip = open_motion(name, g1())
+    frames = round(seconds * clip.fps) + 1
+    path = folder / f"{name}.npz"
+    save_clip(replace(clip, **{field: getattr(clip, field)[:frames] for field in ARRAY_FIELDS}), path)
+    return path
 
 
 def swaying_reference(robot: Robot, seconds: float = 1.0) -> Reference:
