@@ -50,7 +50,7 @@ def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
         result = env.step(hold(env))
         assert not result.terminated.any() and not result.timed_out.any()
     result = env.step(hold(env))
-    assert result.timed_out.all() and not result.terminated.any()
+    assert result.timed_out.all() and result.finished.all() and not result.terminated.any()
     assert result.final_critic_obs.shape == (env.num_envs, 630)
     assert env.tick.tolist() == [0] * env.num_envs
 
@@ -59,6 +59,7 @@ def test_a_maximal_length_is_a_time_out():
     env = small_env(start=FIRST_FRAME, termination={"max_episode_s": 0.1})
     results = [env.step(hold(env)) for _ in range(5)]
     assert [bool(r.timed_out.all()) for r in results] == [False] * 4 + [True]
+    assert not results[-1].finished.any()
 
 
 def test_a_point_too_far_from_its_reference_fails():

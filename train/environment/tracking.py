@@ -116,7 +116,8 @@ class TrackingEnv:
         self.episode_steps += 1
         t = self._after_physics(action, targets)
         rewards = self._rewards(t)
-        timed_out = self._timed_out(t)
+        finished = (self.tick >= self.num_ticks[self.clip]) & ~t.terminated
+        timed_out = finished | self._too_long(t)
         ended = t.terminated | timed_out
         self.last_errors = tracking_errors(t)
         self._keep(t)
@@ -124,7 +125,7 @@ class TrackingEnv:
         log = self._log.step(self)
         final_critic_obs = self._critic(timed_out.nonzero()[:, 0])
         self._reset(ended.nonzero()[:, 0])
-        return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
+        return StepResult(self._observe(), rewards, t.terminated, timed_out, finished, final_critic_obs, log)
 
     def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
         physics, self.diverged = without_diverged(self.simulator.state(), self._physics)
@@ -182,10 +183,9 @@ class TrackingEnv:
             return rewards
         return torch.where(self._in_curriculum, rewards.clamp(min=-self.settings.penalty_step_max), rewards)
 
-    def _timed_out(self, t: Tick) -> torch.Tensor:
-        finished = self.tick >= self.num_ticks[self.clip]
-        too_long = self.episode_steps >= round(self.settings.termination.max_episode_s / CONTROL_PERIOD_S)
-        return (finished | too_long) & ~t.terminated
+    def _too_long(self, t: Tick) -> torch.Tensor:
+        most_steps = round(self.settings.termination.max_episode_s / CONTROL_PERIOD_S)
+        return (self.episode_steps >= most_steps) & ~t.terminated
 
     def _keep(self, t: Tick) -> None:
         """Hand what the next step starts from over to it."""
