@@ -16,8 +16,8 @@ class LearnerSettings:
         epochs: passes over an iteration's samples.
         minibatches: parts of each pass.
         gamma: discount per step.
-        end_value: share of the value of a motion's last state that counts when the motion ends. The value falls to it
-            over some tenths of a second; from about 0.55 on it can feed on itself and grow without bound.
+        end_value: share of the value of a motion's last state that counts when the motion ends; in the two seconds
+            before, values fall towards it. More than about 0.55 can feed on itself and grow without bound.
         lam: decay λ of the advantages that the actor learns from.
         critic_lam: decay λ of the returns that the critic learns.
         clip: surrogate and value clipping range.
