@@ -19,7 +19,6 @@ class StepResult:
         rewards: (B, R) float32, weighted and multiplied by the control period, in the order of ``reward_names``.
         terminated: (B,) bool, failed.
         timed_out: (B,) bool, ended without failing.
-        finished: (B,) bool, those of the timed-out that are at the end of their motion.
         final_critic_obs: (n, Dc), the critic's view of the last states of the n timed-out rows, in row order.
         log: figures for people; the same keys may be absent in some steps.
     """
@@ -28,7 +27,6 @@ class StepResult:
     rewards: torch.Tensor
     terminated: torch.Tensor
     timed_out: torch.Tensor
-    finished: torch.Tensor
     final_critic_obs: torch.Tensor
     log: Mapping[str, float]
 

@@ -62,7 +62,7 @@ class PointMassEnv:
         final = self._critic()[timed_out]
         log = {"eg_mpbpe_mm": 1e3 * float(error.mean()), "episode_length_ratio": float((self.tick / EPISODE).mean())}
         self._draw((terminated | timed_out).nonzero()[:, 0])
-        return StepResult(self._observe(), rewards, terminated, timed_out, timed_out, final, log)
+        return StepResult(self._observe(), rewards, terminated, timed_out, final, log)
 
     def finish_iteration(self):
         self.finished_iterations += 1

@@ -16,9 +16,10 @@ from policy.observation import ObservationInput, pbhc_actor_group, sample_terms,
 from robot.errors import InputError
 from robot.rotations import quat_rotate
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
-from train.environment.curriculum import Curriculum, EpisodeAverage, SurvivalChance
+from train.environment.curriculum import Curriculum, EpisodeAverage
+from train.environment.failures import BIN_TICKS, FailureRates
 from train.environment.settings import CurriculumSettings, StartSettings
-from train.environment.starts import BIN_TICKS, StartSampler
+from train.environment.starts import MIN_WEIGHT, StartSampler
 from train.environment.tick import ReferenceTable
 from train.nan_guard import NonFiniteError, check_step
 from train.simulation.domain import DomainRanges
@@ -50,16 +51,23 @@ def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
         result = env.step(hold(env))
         assert not result.terminated.any() and not result.timed_out.any()
     result = env.step(hold(env))
-    assert result.timed_out.all() and result.finished.all() and not result.terminated.any()
+    assert result.timed_out.all() and not result.terminated.any()
     assert result.final_critic_obs.shape == (env.num_envs, 630)
     assert env.tick.tolist() == [0] * env.num_envs
+
+
+def test_after_the_motion_its_last_pose_is_held():
+    env = small_env(start=FIRST_FRAME, termination={"hold_s": 0.1}, critic_phase_knots=True)
+    results = [env.step(hold(env)) for _ in range(55)]
+    assert [bool(result.timed_out.all()) for result in results] == [False] * 54 + [True]
+    assert results[52].observations["critic"][0, -6:].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    assert env.failures.survival() > 0.0  # ticks beyond the clip have no bin of their own
 
 
 def test_a_maximal_length_is_a_time_out():
     env = small_env(start=FIRST_FRAME, termination={"max_episode_s": 0.1})
     results = [env.step(hold(env)) for _ in range(5)]
     assert [bool(r.timed_out.all()) for r in results] == [False] * 4 + [True]
-    assert not results[-1].finished.any()
 
 
 def test_a_point_too_far_from_its_reference_fails():
@@ -242,17 +250,54 @@ def test_several_clips_share_one_table():
     assert rows.phase.flatten().tolist() == pytest.approx([0.15, 1.0, 1.0])
 
 
-def test_starts_favour_phases_whose_starts_failed():
+def test_beyond_the_end_a_table_gives_the_last_pose_at_rest():
+    robot = g1()
+    references = [swaying_reference(robot, 0.41), swaying_reference(robot, 1.0)]  # the first ends while it moves
+    table = ReferenceTable(references, [torch.as_tensor(ground_lift_m(robot, clip)) for clip in references])
+    last, beyond = (
+        table.rows(torch.tensor([0, 0]), torch.tensor([20, 30])),
+        table.rows(torch.tensor([0]), torch.tensor([21])),
+    )
+    assert last.joint_vel_rad_s[0].abs().max() > 0.1
+    for name, values in vars(beyond).items():
+        expected = torch.zeros_like(values) if name.endswith(("_vel_w", "_vel_rad_s")) else getattr(last, name)[:1]
+        torch.testing.assert_close(values, expected)
+        torch.testing.assert_close(getattr(last, name)[1:], expected)
+
+
+def test_starts_favour_phases_with_failures_ahead():
     generator = torch.Generator().manual_seed(0)
     starts = StartSampler(StartSettings(by_failure=1.0), torch.tensor([100]), generator)
-    clip = torch.zeros(400, dtype=torch.long)
-    begun = torch.arange(400) % 100
-    for _ in range(20):
-        starts.record(clip, begun, failed=begun // BIN_TICKS == 2)
-    ticks, uniform = starts.draw(torch.zeros(4000, dtype=torch.long))
-    share = float((ticks // BIN_TICKS == 2).float().mean())
-    assert share == pytest.approx(1.1 / 1.4, abs=0.03)
+    failing = torch.tensor([[0.0, 0.3, 0.6, 0.0]])
+    ticks, uniform = starts.draw(torch.zeros(4000, dtype=torch.long), failing)
+    share = torch.bincount(ticks // BIN_TICKS) / 4000
+    expected = (failing[0] + MIN_WEIGHT) / (0.9 + 4 * MIN_WEIGHT)
+    assert share.tolist() == pytest.approx(expected.tolist(), abs=0.03)
     assert not uniform.any()
+
+
+def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -> None:
+    """Robots spread over ticks 1 to last_tick, again and again, of which ``share`` fail in each of the hard ticks."""
+    tick = torch.arange(1, last_tick + 1).repeat(20)
+    nth = torch.arange(len(tick)) // last_tick
+    failed = torch.isin(tick, torch.tensor(list(hard))) & (nth < 20 * share)
+    for _ in range(3000):
+        rates.update(torch.zeros_like(tick), tick, failed)
+
+
+def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
+    rates = FailureRates(torch.tensor([310]))
+    failing_at(rates, 310, range(151, 161), share=0.05)
+    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+    failing_at(rates, 100, range(0), share=0.0)  # they stay in the first two seconds: nothing new of the rest
+    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+
+
+def test_failures_count_for_starts_of_the_two_seconds_before():
+    rates = FailureRates(torch.tensor([310]))
+    failing_at(rates, 310, range(151, 161), share=0.05)
+    hard = 1 - (1 - 0.05 * 10 / 25) ** 25
+    assert rates.ahead()[0].tolist() == pytest.approx([0.0] * 3 + [hard] * 4 + [0.0] * 6, abs=1e-3)
 
 
 def test_a_curriculum_moves_by_its_driver_and_stops_at_its_bounds():
@@ -276,14 +321,6 @@ def test_episode_averages_start_at_the_first_episodes():
     average.update(torch.tensor([]), torch.tensor([]), window=100)
     average.update(torch.tensor([50, 50]), torch.tensor([True, True]), window=4)
     assert (average.length, average.survival) == (35.0, 0.75)
-
-
-def test_the_chance_to_survive_follows_the_rate_of_failures():
-    chance = SurvivalChance(failures_per_step=0.5)
-    assert chance.over(2) == 0.25
-    for _ in range(2000):
-        chance.update(torch.tensor([False] * 99 + [True]))
-    assert chance.over(100) == pytest.approx(0.99**100, rel=1e-3)
 
 
 @pytest.mark.parametrize(

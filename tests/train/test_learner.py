@@ -131,21 +131,20 @@ def test_rate_stays_within_its_range():
     assert rates.value == 2e-3
 
 
-def step_result(rewards, terminated, timed_out, finished, final):
+def step_result(rewards, terminated, timed_out, final):
     observations = {"actor": torch.zeros(3, 7), "critic": torch.zeros(3, 12)}
-    ends = (torch.tensor(rows) for rows in (terminated, timed_out, finished))
-    return StepResult(observations, rewards, *ends, final, {})
+    return StepResult(observations, rewards, torch.tensor(terminated), torch.tensor(timed_out), final, {})
 
 
 @pytest.mark.parametrize("value", ["vector", "scalar"])
-def test_time_out_adds_the_discounted_value_of_the_last_state_and_the_end_of_the_motion_its_share(value):
+def test_time_out_adds_the_discounted_value_of_the_last_state(value):
     env = PointMassEnv(3)
-    learner = make_learner(env, "num_envs=3", f"value={value}", "learner.end_value=0.25")
+    learner = make_learner(env, "num_envs=3", f"value={value}")
     learner.act(env.reset())
     final = torch.randn(2, 12, generator=generator())
     rewards = torch.tensor([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    learner.record(step_result(rewards, [False, True, False], [True, False, True], [False, False, True], final))
-    bootstrap = torch.tensor([[0.99], [0.2475]]) * learner.critic(final).detach()
+    learner.record(step_result(rewards, [False, True, False], [True, False, True], final))
+    bootstrap = 0.99 * learner.critic(final).detach()
     expected = rewards if value == "vector" else torch.tensor([[3.0], [7.0], [11.0]])
     expected = expected + torch.stack([bootstrap[0], torch.zeros_like(bootstrap[0]), bootstrap[1]])
     torch.testing.assert_close(learner.storage.rewards[0], expected)

@@ -25,7 +25,7 @@ TARGET_COST = 10.0
 # Price of a squared unit of wrench, in the first pass and in the last.
 WRENCH_COST_FIRST, WRENCH_COST_LAST = 1.0, 1e3
 # Ticks of a plan, and how many times dearer the wrench becomes with a pass; the next where that loses the robot.
-PACES = ((8, 6.0), (12, 2.5), (16, 1.6))
+PACES = ((8, 6.0), (8, 2.5), (12, 2.5), (16, 1.6))
 # A pass may cost this much more than the motion it began with, at the same price; who falls costs many times more.
 DEARER_MAX = 1.2
 LIFT_SMOOTHING_TICKS = 3.0

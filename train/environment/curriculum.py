@@ -7,7 +7,6 @@ import torch
 from train.environment.settings import CurriculumSettings
 
 AVERAGED_EPISODES = 10_000
-FAILURE_RATE_MEMORY = 0.01
 
 
 @dataclass
@@ -26,21 +25,6 @@ class EpisodeAverage:
         weight = min(1.0, len(lengths) / min(self.count, window))
         self.length += weight * (float(lengths.float().mean()) - self.length)
         self.survival += weight * (float(survived.float().mean()) - self.survival)
-
-
-@dataclass
-class SurvivalChance:
-    """Chance to survive a whole clip at the present rate of failures per step; it follows changes within seconds."""
-
-    failures_per_step: float = 0.1
-
-    def update(self, failed: torch.Tensor) -> None:
-        """Take in one step: failed (B,) bool."""
-        self.failures_per_step += FAILURE_RATE_MEMORY * (float(failed.float().mean()) - self.failures_per_step)
-
-    def over(self, ticks: float) -> float:
-        """The chance to survive ``ticks`` steps."""
-        return (1.0 - self.failures_per_step) ** ticks
 
 
 class Curriculum:

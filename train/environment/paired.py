@@ -1,7 +1,6 @@
 """Pairs of robots that differ in nothing but what they are told to do."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -55,7 +54,6 @@ class PairedEnv:
             torch.cat([led.rewards, twin.rewards]),
             torch.cat([led.terminated, twin.terminated]),
             torch.cat([led.timed_out, twin.timed_out]),
-            torch.cat([led.finished, twin.finished]),
             torch.cat([led.final_critic_obs, twin.final_critic_obs]),
             led.log,
         )
@@ -88,4 +86,4 @@ def _cut(result: StepResult, rows: torch.Tensor, following: Mapping[str, torch.T
     last = result.observations["critic"].clone()
     last[result.timed_out] = result.final_critic_obs
     observations = {name: torch.where(rows[:, None], following[name], own) for name, own in result.observations.items()}
-    return replace(result, observations=observations, timed_out=timed_out, final_critic_obs=last[timed_out])
+    return StepResult(observations, result.rewards, result.terminated, timed_out, last[timed_out], result.log)

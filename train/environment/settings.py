@@ -26,7 +26,7 @@ class CurriculumSettings:
     """A value that moves by ``factor`` per step between bounds while the driver allows it.
 
     ``driver``: ``always`` (one way), ``episode_length`` (mean length in steps of the last 10,000 episodes) or
-    ``survival`` (chance to survive the whole clip at the present rate of failures). Above ``harder_above`` the value
+    ``survival`` (chance to survive the whole clip at the present rates of failures). Above ``harder_above`` the value
     moves towards ``hard``; below ``easier_below`` back towards ``easy``.
     """
 
@@ -68,7 +68,7 @@ class RecoverySettings:
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Where episodes begin: shares of the first frame and of phases weighted by failure; the rest is uniform.
+    """Where episodes begin: shares of the first frame and of phases before failures; the rest is uniform.
 
     Noise is the standard deviation of normals added to a start state; ``first_frame_at_rest`` zeroes velocities there.
     """
@@ -103,16 +103,22 @@ class PushSettings:
 
 @dataclass(frozen=True)
 class TerminationSettings:
-    """Failure: tilt (norm of the horizontal projected gravity), distance of any point, pelvis height."""
+    """Failure: tilt (norm of the horizontal projected gravity), distance of any point, pelvis height.
+
+    ``max_episode_s``: an episode that lasts so long is cut, which is no failure; what would come counts by its value.
+    ``hold_s``: how long it goes on after the motion's end, in its last pose.
+    """
 
     tilt: float = 0.75
     distance: bool = True
     min_height_m: float = 0.0
     max_episode_s: float = 20.0
+    hold_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("tilt", "max_episode_s"):
             positive(f"environment.termination.{name}", getattr(self, name))
+        at_least("environment.termination.hold_s", self.hold_s, 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,19 @@
-"""Where episodes begin: reference state initialisation, with more starts where starts have failed."""
+"""Where episodes begin: reference state initialisation, with more starts before the places where robots fail."""
 
 import torch
 
 from robot.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse
+from train.environment.failures import BIN_TICKS
 from train.environment.settings import StartSettings
 from train.environment.tick import ReferenceRows, ReferenceTable
 from train.simulation.domain import uniform
 
-BIN_TICKS = 25
-FAILURE_MEMORY = 0.05
-MIN_WEIGHT = 0.1
+# No phase is left out.
+MIN_WEIGHT = 0.02
 
 
 class StartSampler:
-    """Draws start ticks and remembers how starts ended.
-
-    The weight of a phase follows the outcome of the episodes that *started* there, not the place of their failure:
-    the cause of a fall lies before it.
+    """Draws start ticks, and what noise their states begin with.
 
     Args:
         settings: shares and noise.
@@ -34,33 +31,23 @@ class StartSampler:
     ) -> None:
         self._settings, self._num_ticks, self._generator = settings, num_ticks, generator
         self._recovery = recovery
-        self._bins = int(-(-int(num_ticks.max()) // BIN_TICKS))
-        self._failure = torch.full((len(num_ticks), self._bins), 0.5)
 
-    def draw(self, clip: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return start ticks (n,) for clips (n,), and whether each was drawn uniformly (n,)."""
+    def draw(self, clip: torch.Tensor, failing: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return start ticks (n,) for clips (n,), and whether each was drawn uniformly (n,).
+
+        ``failing`` (C, bins): the chance to fail soon after a start there.
+        """
         count, settings = len(clip), self._settings
         last = self._num_ticks[clip]
         kind = torch.rand(count, generator=self._generator)
         tick = (torch.rand(count, generator=self._generator) * last).long()
-        weights = (self._failure + MIN_WEIGHT)[clip]
-        chosen = torch.multinomial(weights, 1, generator=self._generator)[:, 0]
+        chosen = torch.multinomial(failing[clip] + MIN_WEIGHT, 1, generator=self._generator)[:, 0]
         inside = (torch.rand(count, generator=self._generator) * BIN_TICKS).long()
         weighted = torch.minimum(chosen * BIN_TICKS + inside, last - 1)
         from_first = kind < settings.first_frame
         by_failure = ~from_first & (kind < settings.first_frame + settings.by_failure)
         tick = torch.where(by_failure, weighted, torch.where(from_first, 0, tick))
         return tick, ~from_first & ~by_failure
-
-    def record(self, clip: torch.Tensor, start_tick: torch.Tensor, failed: torch.Tensor) -> None:
-        """Take in the outcome (n,) of episodes that started at start_tick (n,)."""
-        bins = clip * self._bins + start_tick // BIN_TICKS
-        count = torch.bincount(bins, minlength=self._failure.numel()).float()
-        fails = torch.bincount(bins, weights=failed.float(), minlength=self._failure.numel())
-        keep = (1.0 - FAILURE_MEMORY) ** count
-        mean = fails / count.clamp(min=1.0)
-        flat = self._failure.view(-1)
-        flat.copy_(torch.where(count > 0, keep * flat + (1.0 - keep) * mean, flat))
 
     def state(self, rows: ReferenceRows, first_frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return qpos (n, 7+J) and qvel (n, 6+J) of the reference rows, lifted onto the ground, with start noise.
@@ -92,14 +79,6 @@ class StartSampler:
 
     def _normal(self, shape: tuple[int, ...] | torch.Size, std: float) -> torch.Tensor:
         return std * torch.randn(shape, generator=self._generator)
-
-    def state_dict(self) -> dict[str, torch.Tensor]:
-        """Failure rates."""
-        return {"failure": self._failure.clone()}
-
-    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
-        """Restore what :meth:`state_dict` returned."""
-        self._failure.copy_(state["failure"])
 
 
 def _lifted(rows: ReferenceRows) -> tuple[torch.Tensor, torch.Tensor]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from motion.reference import Reference
@@ -48,23 +49,28 @@ class ReferenceTable:
 
     def __init__(self, references: list[Reference], lift_m: list[torch.Tensor]) -> None:
         self.num_ticks = torch.tensor([reference.num_ticks for reference in references])
-        lengths = self.num_ticks + 1
+        lengths = self.num_ticks + 2
         self._first_row = torch.cumsum(lengths, 0) - lengths
         names = [name for name in ReferenceRows.__dataclass_fields__ if name != "lift_m"]
-        columns = {
-            name: torch.cat([torch.tensor(getattr(reference, name)).float() for reference in references])
-            for name in names
-        } | {"lift_m": torch.cat(lift_m).float()}
+        parts = {name: [getattr(reference, name) for reference in references] for name in names} | {"lift_m": lift_m}
+        columns = {name: torch.cat([_held(name, part) for part in values]) for name, values in parts.items()}
         self._shapes = {name: column.shape[1:] for name, column in columns.items()}
         self._table = torch.cat([column.reshape(len(column), -1) for column in columns.values()], dim=1)
 
     def rows(self, clip: torch.Tensor, tick: torch.Tensor) -> ReferenceRows:
-        """Return the rows of ticks (B,) of clips (B,); ticks beyond the end give the last row."""
-        index = self._first_row[clip] + torch.minimum(tick, self.num_ticks[clip])
+        """Return the rows of ticks (B,) of clips (B,); ticks beyond the end give the last pose, at rest."""
+        index = self._first_row[clip] + torch.minimum(tick, self.num_ticks[clip] + 1)
         row = self._table.index_select(0, index)
         sizes = [shape.numel() for shape in self._shapes.values()]
         parts = row.split(sizes, dim=1)
         return ReferenceRows(*(part.reshape(-1, *shape) for part, shape in zip(parts, self._shapes.values())))
+
+
+def _held(name: str, values: np.ndarray | torch.Tensor) -> torch.Tensor:
+    """A column (K+1, ...) and one row more: the last one again, without its velocities."""
+    column = torch.tensor(np.asarray(values)).float()
+    last = torch.zeros_like(column[-1:]) if "_vel_" in name else column[-1:]
+    return torch.cat([column, last])
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_rotate
 from train.environment.adaptive_sigma import AdaptiveSigma
 from train.environment.anchor import Anchor
-from train.environment.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage, SurvivalChance
+from train.environment.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage
 from train.environment.divergence import without_diverged
+from train.environment.failures import FailureRates
 from train.environment.observations import Observations, domain_view, reference_view
 from train.environment.pushes import Pushes
 from train.environment.rewards import DIRECT, TRACKING
@@ -63,11 +64,14 @@ class TrackingEnv:
         self._episodes = episodes
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._kinematics = Kinematics(robot)
+        self.most_steps = round(settings.termination.max_episode_s / CONTROL_PERIOD_S)
+        self.last_tick = table.num_ticks + round(settings.termination.hold_s / CONTROL_PERIOD_S)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
         self.phase_knots = (
             num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
         )
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
+        self.failures = FailureRates(table.num_ticks)
         self.starts = StartSampler(settings.start, table.num_ticks, episodes, recovery)
         self._allocate(robot)
         self._physics = simulator.state()
@@ -90,7 +94,6 @@ class TrackingEnv:
         self.penalty_scale = Curriculum(s.penalty_scale)
         self.randomization = Curriculum(s.randomization_scale)
         self.average, self.uniform_average = EpisodeAverage(), EpisodeAverage()
-        self.survival_chance = SurvivalChance()
         self._log = TrackingLog()
         self._tracking_index = torch.tensor([self.reward_names.index(name) for name in tracking])
         self._direct = [(i, name) for i, name in enumerate(self.reward_names) if name in DIRECT]
@@ -116,8 +119,7 @@ class TrackingEnv:
         self.episode_steps += 1
         t = self._after_physics(action, targets)
         rewards = self._rewards(t)
-        finished = (self.tick >= self.num_ticks[self.clip]) & ~t.terminated
-        timed_out = finished | self._too_long(t)
+        timed_out = self._timed_out(t)
         ended = t.terminated | timed_out
         self.last_errors = tracking_errors(t)
         self._keep(t)
@@ -125,7 +127,7 @@ class TrackingEnv:
         log = self._log.step(self)
         final_critic_obs = self._critic(timed_out.nonzero()[:, 0])
         self._reset(ended.nonzero()[:, 0])
-        return StepResult(self._observe(), rewards, t.terminated, timed_out, finished, final_critic_obs, log)
+        return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
     def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
         physics, self.diverged = without_diverged(self.simulator.state(), self._physics)
@@ -183,9 +185,9 @@ class TrackingEnv:
             return rewards
         return torch.where(self._in_curriculum, rewards.clamp(min=-self.settings.penalty_step_max), rewards)
 
-    def _too_long(self, t: Tick) -> torch.Tensor:
-        most_steps = round(self.settings.termination.max_episode_s / CONTROL_PERIOD_S)
-        return (self.episode_steps >= most_steps) & ~t.terminated
+    def _timed_out(self, t: Tick) -> torch.Tensor:
+        over = (self.tick >= self.last_tick[self.clip]) | (self.episode_steps >= self.most_steps)
+        return over & ~t.terminated
 
     def _keep(self, t: Tick) -> None:
         """Hand what the next step starts from over to it."""
@@ -204,13 +206,12 @@ class TrackingEnv:
 
     def _update_curricula(self, t: Tick, ended: torch.Tensor) -> None:
         self._log.episodes(self, ended)
-        self.starts.record(self.clip[ended], self.start_tick[ended], t.terminated[ended])
         survived = ~t.terminated
         self.average.update(self.episode_steps[ended], survived[ended], window=AVERAGED_EPISODES)
         uniform = ended & self.uniform_start
         self.uniform_average.update(self.episode_steps[uniform], survived[uniform], window=self.num_envs)
-        self.survival_chance.update(t.terminated)
-        chance = self.survival_chance.over(float(self.num_ticks.float().mean()))
+        self.failures.update(self.clip, self.tick, t.terminated)
+        chance = self.failures.survival()
         for curriculum in (self.error_limit, self.penalty_scale, self.randomization):
             curriculum.update(length=self.average.length, survival=chance)
 
@@ -218,7 +219,7 @@ class TrackingEnv:
         if len(env_ids) == 0:
             return
         clip = self.clip[env_ids]
-        tick, uniform = self.starts.draw(clip)
+        tick, uniform = self.starts.draw(clip, self.failures.ahead())
         rows = self._table.rows(clip, tick)
         self.simulator.reset(env_ids, *self.starts.state(rows, tick == 0))
         self.tick[env_ids], self.start_tick[env_ids], self.uniform_start[env_ids] = tick, tick, uniform
@@ -281,7 +282,7 @@ class TrackingEnv:
         """What is nobody's own, as tensors and plain numbers."""
         return {
             "sigma": self.sigma.state_dict(),
-            "starts": self.starts.state_dict(),
+            "failures": self.failures.state_dict(),
             "curricula": {name: getattr(self, name).value for name in _CURRICULA},
             "averages": {name: dict(vars(getattr(self, name))) for name in _AVERAGES},
             "generators": [generator.get_state() for generator in self._generators],
@@ -289,7 +290,7 @@ class TrackingEnv:
 
     def _load_common(self, state: dict[str, Any]) -> None:
         self.sigma.load_state_dict(state["sigma"])
-        self.starts.load_state_dict(state["starts"])
+        self.failures.load_state_dict(state["failures"])
         for name in _CURRICULA:
             getattr(self, name).value = state["curricula"][name]
         for name, values in state["averages"].items():
@@ -319,7 +320,7 @@ class TrackingEnv:
         return attrgetter(path)(self)
 
 
-_AVERAGES = ("average", "uniform_average", "survival_chance", "_log")
+_AVERAGES = ("average", "uniform_average", "_log")
 _CURRICULA = ("error_limit", "penalty_scale", "randomization")
 _BUFFERS = (
     "clip", "tick", "start_tick", "episode_steps", "uniform_start", "last_action", "air_time_s",

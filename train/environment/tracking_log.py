@@ -33,7 +33,7 @@ class TrackingLog:
         """Take in the episodes that end in this step, before they are reset."""
         if not ended.any():
             return
-        possible = env.num_ticks[env.clip[ended]] - env.start_tick[ended]
+        possible = (env.last_tick[env.clip[ended]] - env.start_tick[ended]).clamp(max=env.most_steps)
         ratio = float((env.episode_steps[ended] / possible).mean())
         weight = 1.0 - (1.0 - EPISODE_MEMORY) ** int(ended.sum())
         self.episode_length_ratio += weight * (ratio - self.episode_length_ratio)
@@ -45,7 +45,7 @@ class TrackingLog:
             "diverged": float(env.diverged.float().mean()),
             "episode_length_ratio": self.episode_length_ratio,
             "survival_of_uniform_starts": env.uniform_average.survival,
-            "survival_chance": env.survival_chance.over(float(env.num_ticks.float().mean())),
+            "survival_chance": env.failures.survival(),
             "error_limit_m": env.error_limit.value,
             "penalty_scale": env.penalty_scale.value,
             "randomization": env.simulator.randomization,

@@ -131,17 +131,12 @@ class Ppo:
 
     @torch.no_grad()
     def record(self, result: StepResult) -> None:
-        """Remember what the step gave; a time-out adds γ·V(last state), so that it is no ending to the critic.
-
-        No reward ever corrects the value of a motion's last state, as nothing follows there. With all of it, the
-        values of the states before feed on what they themselves raise it to, so only ``end_value`` of it counts.
-        """
+        """Remember what the step gave; a time-out adds γ·V(last state), so that it is no ending to the critic."""
         s = self.storage
         rewards = result.rewards if s.sizes.heads > 1 else result.rewards.sum(dim=-1, keepdim=True)
         s.rewards[s.step] = rewards
         if len(result.final_critic_obs):
-            share = torch.where(result.finished[result.timed_out], self.settings.end_value, 1.0)[:, None]
-            s.rewards[s.step, result.timed_out] += self.settings.gamma * share * self.critic(result.final_critic_obs)
+            s.rewards[s.step, result.timed_out] += self.settings.gamma * self.critic(result.final_critic_obs)
         s.done[s.step] = result.terminated | result.timed_out
         s.step += 1
 

@@ -16,8 +16,6 @@ class LearnerSettings:
         epochs: passes over an iteration's samples.
         minibatches: parts of each pass.
         gamma: discount per step.
-        end_value: share of the value of a motion's last state that counts when the motion ends; in the two seconds
-            before, values fall towards it. More than about 0.55 can feed on itself and grow without bound.
         lam: decay λ of the advantages that the actor learns from.
         critic_lam: decay λ of the returns that the critic learns.
         clip: surrogate and value clipping range.
@@ -46,7 +44,6 @@ class LearnerSettings:
     epochs: int = 5
     minibatches: int = 4
     gamma: float = 0.99
-    end_value: float = 1.0
     lam: float = 0.95
     critic_lam: float = 0.95
     clip: float = 0.2
@@ -76,7 +73,7 @@ class LearnerSettings:
             positive(f"learner.{name}", getattr(self, name))
         for name in ("value_coefficient", "entropy_coefficient"):
             at_least(f"learner.{name}", getattr(self, name), 0)
-        for name in ("gamma", "end_value", "lam", "critic_lam"):
+        for name in ("gamma", "lam", "critic_lam"):
             within(f"learner.{name}", getattr(self, name), 0.0, 1.0)
         if self.paired_steps is not None and (self.paired_steps < 1 or self.horizon % self.paired_steps):
             raise InputError(
