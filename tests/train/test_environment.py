@@ -293,6 +293,14 @@ def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
     assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
 
 
+def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():
+    rates = FailureRates(torch.tensor([50]))
+    tick = torch.arange(1, 26)
+    for _ in range(25_000):
+        rates.update(torch.zeros_like(tick), tick, torch.zeros(25, dtype=torch.bool))
+    assert rates.survival() == pytest.approx(0.9**25, rel=1e-3)
+
+
 def test_failures_count_for_starts_of_the_two_seconds_before():
     rates = FailureRates(torch.tensor([310]))
     failing_at(rates, 310, range(151, 161), share=0.05)

@@ -13,6 +13,8 @@ MEMORY = 0.995
 CAUSE_BINS = 4
 # Before anything is known: as if this many steps had been seen in each bin, and one in ten had failed.
 PRIOR_STEPS, PRIOR_RATE = 10.0, 0.1
+# What has not been seen for some ten thousand steps is unknown again, instead of nothing divided by nothing.
+FORGOTTEN = 1e-20
 
 
 class FailureRates:
@@ -48,7 +50,7 @@ class FailureRates:
         return 1.0 - survival
 
     def _log_survival(self) -> torch.Tensor:
-        rate = (self._failures / self._steps).clamp(max=0.999)
+        rate = ((self._failures + PRIOR_RATE * FORGOTTEN) / (self._steps + FORGOTTEN)).clamp(max=0.999)
         return self._ticks * torch.log1p(-rate)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
