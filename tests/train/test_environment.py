@@ -61,13 +61,13 @@ def test_after_the_motion_its_last_pose_is_held():
     results = [env.step(hold(env)) for _ in range(55)]
     assert [bool(result.timed_out.all()) for result in results] == [False] * 54 + [True]
     assert results[52].observations["critic"][0, -6:].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-    assert env.failures.survival() > 0.0  # ticks beyond the clip have no bin of their own
 
 
 def test_a_maximal_length_is_a_time_out():
     env = small_env(start=FIRST_FRAME, termination={"max_episode_s": 0.1})
     results = [env.step(hold(env)) for _ in range(5)]
     assert [bool(r.timed_out.all()) for r in results] == [False] * 4 + [True]
+    assert results[-1].log["episode_length_ratio"] == pytest.approx(1.0 - 0.99**4)  # four that went as far as they may
 
 
 def test_a_point_too_far_from_its_reference_fails():
@@ -274,6 +274,34 @@ def test_starts_favour_phases_with_failures_ahead():
     expected = (failing[0] + MIN_WEIGHT) / (0.9 + 4 * MIN_WEIGHT)
     assert share.tolist() == pytest.approx(expected.tolist(), abs=0.03)
     assert not uniform.any()
+
+
+def test_robots_begin_before_the_places_where_they_fail():
+    env = small_env(seconds=5.0, num_envs=200, start={"by_failure": 1.0})
+    steps = torch.full((1, 10), 1e4)
+    failures = torch.where(torch.arange(10) == 6, 500.0, 0.0)[None]  # a twentieth in every tick from 3 to 3.5 s
+    env.failures.load_state_dict({"steps": steps, "failures": failures})
+    env.reset()
+    before = (env.tick >= 75) & (env.tick < 175)
+    weight = (1.0 - 0.95**25) + MIN_WEIGHT
+    assert float(before.float().mean()) == pytest.approx(4 * weight / (4 * weight + 6 * MIN_WEIGHT), abs=0.07)
+
+
+@pytest.mark.parametrize("error_limit_m", [2.0, 1e-6])
+def test_the_environment_counts_failures_in_the_half_second_where_they_happen(error_limit_m):
+    """Four robots, from the first frame to the end of one second; or each fails in its first step, again and again."""
+    limit = CONSTANT | {"start": error_limit_m, "easy": error_limit_m, "hard": error_limit_m}
+    env = small_env(start=FIRST_FRAME, error_limit_m=limit)
+    logs = [env.step(hold(env)).log for _ in range(50)]
+    kept = 0.995 ** torch.arange(49, -1, -1).double()
+    prior = 0.995**50
+    if error_limit_m < 1.0:
+        first = (prior + 4 * float(kept.sum())) / (10 * prior + 4 * float(kept.sum()))
+        expected = (1.0 - first) ** 25 * 0.9**25
+    else:
+        halves = (10 * prior + 4 * float(kept[:25].sum()), 10 * prior + 4 * float(kept[25:].sum()))
+        expected = (1.0 - prior / halves[0]) ** 25 * (1.0 - prior / halves[1]) ** 25
+    assert logs[-1]["survival_chance"] == pytest.approx(expected, rel=1e-3, abs=1e-12)
 
 
 def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -> None:

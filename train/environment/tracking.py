@@ -211,9 +211,9 @@ class TrackingEnv:
         uniform = ended & self.uniform_start
         self.uniform_average.update(self.episode_steps[uniform], survived[uniform], window=self.num_envs)
         self.failures.update(self.clip, self.tick, t.terminated)
-        chance = self.failures.survival()
+        self.survival_chance = self.failures.survival()
         for curriculum in (self.error_limit, self.penalty_scale, self.randomization):
-            curriculum.update(length=self.average.length, survival=chance)
+            curriculum.update(length=self.average.length, survival=self.survival_chance)
 
     def _reset(self, env_ids: torch.Tensor) -> None:
         if len(env_ids) == 0:

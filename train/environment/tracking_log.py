@@ -45,7 +45,7 @@ class TrackingLog:
             "diverged": float(env.diverged.float().mean()),
             "episode_length_ratio": self.episode_length_ratio,
             "survival_of_uniform_starts": env.uniform_average.survival,
-            "survival_chance": env.failures.survival(),
+            "survival_chance": env.survival_chance,
             "error_limit_m": env.error_limit.value,
             "penalty_scale": env.penalty_scale.value,
             "randomization": env.simulator.randomization,
