@@ -1,0 +1,82 @@
+"""Where robots fail: what is counted, the chance to survive that follows, and the starts before those places."""
+
+import pytest
+import torch
+
+from tests.train.worlds import CONSTANT, small_env
+from train.environment.failures import BIN_TICKS, FailureRates
+from train.environment.settings import StartSettings
+from train.environment.starts import MIN_WEIGHT, StartSampler
+
+FIRST_FRAME = {"first_frame": 1.0}
+
+
+def test_starts_favour_phases_with_failures_ahead():
+    generator = torch.Generator().manual_seed(0)
+    starts = StartSampler(StartSettings(by_failure=1.0), torch.tensor([100]), generator)
+    failing = torch.tensor([[0.0, 0.3, 0.6, 0.0]])
+    ticks, uniform = starts.draw(torch.zeros(4000, dtype=torch.long), failing)
+    share = torch.bincount(ticks // BIN_TICKS) / 4000
+    expected = (failing[0] + MIN_WEIGHT) / (0.9 + 4 * MIN_WEIGHT)
+    assert share.tolist() == pytest.approx(expected.tolist(), abs=0.03)
+    assert not uniform.any()
+
+
+def test_robots_begin_before_the_places_where_they_fail():
+    env = small_env(seconds=5.0, num_envs=200, start={"by_failure": 1.0})
+    steps = torch.full((1, 10), 1e4)
+    failures = torch.where(torch.arange(10) == 6, 500.0, 0.0)[None]  # a twentieth in every tick from 3 to 3.5 s
+    env.failures.load_state_dict({"steps": steps, "failures": failures})
+    env.reset()
+    before = (env.tick >= 75) & (env.tick < 175)
+    weight = (1.0 - 0.95**25) + MIN_WEIGHT
+    assert float(before.float().mean()) == pytest.approx(4 * weight / (4 * weight + 6 * MIN_WEIGHT), abs=0.07)
+
+
+@pytest.mark.parametrize("error_limit_m", [2.0, 1e-6])
+def test_the_environment_counts_failures_in_the_half_second_where_they_happen(error_limit_m):
+    """Four robots, from the first frame to the end of one second; or each fails in its first step, again and again."""
+    limit = CONSTANT | {"start": error_limit_m, "easy": error_limit_m, "hard": error_limit_m}
+    env = small_env(start=FIRST_FRAME, error_limit_m=limit)
+    logs = [env.step(torch.zeros(env.num_envs, env.num_actions)).log for _ in range(50)]
+    kept = 0.995 ** torch.arange(49, -1, -1).double()
+    prior = 0.995**50
+    if error_limit_m < 1.0:
+        first = (prior + 4 * float(kept.sum())) / (10 * prior + 4 * float(kept.sum()))
+        expected = (1.0 - first) ** 25 * 0.9**25
+    else:
+        halves = (10 * prior + 4 * float(kept[:25].sum()), 10 * prior + 4 * float(kept[25:].sum()))
+        expected = (1.0 - prior / halves[0]) ** 25 * (1.0 - prior / halves[1]) ** 25
+    assert logs[-1]["survival_chance"] == pytest.approx(expected, rel=1e-3, abs=1e-12)
+
+
+def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -> None:
+    """Robots spread over ticks 1 to last_tick, again and again, of which ``share`` fail in each of the hard ticks."""
+    tick = torch.arange(1, last_tick + 1).repeat(20)
+    nth = torch.arange(len(tick)) // last_tick
+    failed = torch.isin(tick, torch.tensor(list(hard))) & (nth < 20 * share)
+    for _ in range(3000):
+        rates.update(torch.zeros_like(tick), tick, failed)
+
+
+def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
+    rates = FailureRates(torch.tensor([310]))
+    failing_at(rates, 310, range(151, 161), share=0.05)
+    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+    failing_at(rates, 100, range(0), share=0.0)  # they stay in the first two seconds: nothing new of the rest
+    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+
+
+def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():
+    rates = FailureRates(torch.tensor([50]))
+    tick = torch.arange(1, 26)
+    for _ in range(25_000):
+        rates.update(torch.zeros_like(tick), tick, torch.zeros(25, dtype=torch.bool))
+    assert rates.survival() == pytest.approx(0.9**25, rel=1e-3)
+
+
+def test_failures_count_for_starts_of_the_two_seconds_before():
+    rates = FailureRates(torch.tensor([310]))
+    failing_at(rates, 310, range(151, 161), share=0.05)
+    hard = 1 - (1 - 0.05 * 10 / 25) ** 25
+    assert rates.ahead()[0].tolist() == pytest.approx([0.0] * 3 + [hard] * 4 + [0.0] * 6, abs=1e-3)
