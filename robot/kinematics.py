@@ -132,9 +132,7 @@ class Kinematics:
 
     def _constants(self, like: Array) -> _Constants:
         """The model's numbers as the same kind of array as ``like``."""
-        if isinstance(like, np.ndarray):
-            return self._numpy
-        key = (like.dtype, like.device)
+        key = (like.dtype, getattr(like, "device", None))
         if key not in self._cache:
             self._cache[key] = _Constants(
                 *(tuple(_like(like, a) for a in item) if isinstance(item, tuple) else _like(like, item)
@@ -161,10 +159,10 @@ def _contiguous(a: Array) -> Array:
 
 def _like(array: Array, values: np.ndarray) -> Array:
     """``values`` as the kind, type (unless whole numbers) and device of ``array``."""
+    whole = values.dtype.kind == "i"
     if isinstance(array, np.ndarray):
-        return values
-    dtype = None if values.dtype.kind == "i" else array.dtype
-    return array_module(array).as_tensor(values, dtype=dtype, device=array.device)
+        return values if whole else values.astype(array.dtype)
+    return array_module(array).as_tensor(values, dtype=None if whole else array.dtype, device=array.device)
 
 
 def _check_joints(model: mujoco.MjModel, robot: Robot) -> None:

@@ -99,6 +99,14 @@ def test_torch_agrees_and_keeps_its_type(robot):
             assert np.abs(field.numpy() - exact).max() < tolerance
 
 
+def test_single_precision_stays_single(robot):
+    kinematics, states = Kinematics(robot), _states(robot)
+    exact = kinematics.forward(*states)
+    for field, expected in zip(kinematics.forward(*(s.astype(np.float32) for s in states)), exact):
+        assert field.dtype == np.float32 and field.flags.c_contiguous
+        assert np.abs(field - expected).max() < 2e-4
+
+
 def test_any_leading_dimensions(robot):
     kinematics, states = Kinematics(robot), _states(robot)
     flat = kinematics.forward(*states)
