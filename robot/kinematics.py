@@ -158,10 +158,10 @@ def _contiguous(a: Array) -> Array:
 
 
 def _like(array: Array, values: np.ndarray) -> Array:
-    """``values`` as the kind, type (unless whole numbers) and device of ``array``."""
+    """``values`` as the kind, type (unless one of both is of whole numbers) and device of ``array``."""
     whole = values.dtype.kind == "i"
     if isinstance(array, np.ndarray):
-        return values if whole else values.astype(array.dtype)
+        return values if whole or array.dtype.kind != "f" else values.astype(array.dtype)
     return array_module(array).as_tensor(values, dtype=None if whole else array.dtype, device=array.device)
 
 

@@ -107,6 +107,13 @@ def test_single_precision_stays_single(robot):
         assert np.abs(field - expected).max() < 2e-4
 
 
+def test_angles_in_whole_numbers_leave_the_model_as_it_is(robot):
+    kinematics, root = Kinematics(robot), (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    whole = np.arange(len(robot.joint_names)) % 2
+    for field, expected in zip(kinematics.forward(*root, whole)[:2], kinematics.forward(*root, whole.astype(float))):
+        assert np.array_equal(field, expected)
+
+
 def test_any_leading_dimensions(robot):
     kinematics, states = Kinematics(robot), _states(robot)
     flat = kinematics.forward(*states)
