@@ -17,27 +17,39 @@ def _no_least_spread(monkeypatch):
     monkeypatch.setattr(normalizer, "SPREAD_MIN", 0.0)
 
 
+def folded(network, observation, weight):
+    """What a first layer of `weight` makes of it; the columns of `weight` are for whole, off and the two knots."""
+    return (network(torch.tensor(observation)) @ network.fold(torch.tensor(weight)).T).tolist()
+
+
+EACH = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+
+
 def test_before_the_first_update_it_changes_nothing():
-    seen = torch.tensor([[0.5, 0.25, 0.75]])
-    assert PhaseNormalizer(3, 2)(seen).tolist() == [[0.5, 0.5, 0.25, 0.75]]
+    assert PhaseNormalizer(3, 2)(torch.tensor([[0.5, 0.25, 0.75]])).tolist() == [[0.5, 0.25, 0.75]]
+    assert folded(PhaseNormalizer(3, 2), [0.5, 0.25, 0.75], EACH) == [0.5, 0.5, 0.25, 0.75]
 
 
 def test_normalizes_as_a_whole_and_at_the_phase():
     network = PhaseNormalizer(3, 2)
     network.update(SEEN)
-    assert network.output_size == 4
+    assert network.weight_columns == 4
     # Mean 7, variance (36 + 16 + 16 + 36) / 4; half way between the knots 7 is usual, and all were 1 off the usual.
-    whole, off, *hats = network(torch.tensor([4.0, 0.5, 0.5])).tolist()
-    assert whole == pytest.approx(-3.0 / math.sqrt(26.0), rel=1e-5)
-    assert off == pytest.approx(-3.0, rel=1e-5)
-    assert hats == [0.5, 0.5]
-    assert network(torch.tensor([4.0, 1.0, 0.0]))[1] == pytest.approx(2.0, rel=1e-5)
+    assert network(torch.tensor([4.0, 0.5, 0.5])).tolist() == pytest.approx([-3.0, 0.5, 0.5], rel=1e-5)
+    expected = [-3.0 / math.sqrt(26.0), -3.0, 0.5, 0.5]
+    assert folded(network, [4.0, 0.5, 0.5], EACH) == pytest.approx(expected, rel=1e-5)
+    # At the first knot 2 is usual; each unit adds up its own share of everything.
+    expected = [-3.0 / math.sqrt(26.0) + 20.0 + 100.0, 3.0 / math.sqrt(26.0)]
+    weight = [[1.0, 10.0, 100.0, 1000.0], [-1.0, 0.0, 0.0, 7.0]]
+    assert folded(network, [4.0, 1.0, 0.0], weight) == pytest.approx(expected, rel=1e-5)
 
 
 def test_far_off_is_clipped():
     network = PhaseNormalizer(3, 2)
     network.update(SEEN)
-    assert network(torch.tensor([-1000.0, 1.0, 0.0])).tolist() == [-5.0, -5.0, 1.0, 0.0]
+    assert network(torch.tensor([-1000.0, 1.0, 0.0])).tolist() == [-5.0, 1.0, 0.0]
+    # 5 off the usual 2 of the first knot is -3, all that the layer sees of it.
+    assert folded(network, [-1000.0, 1.0, 0.0], EACH)[0] == pytest.approx(-10.0 / math.sqrt(26.0), rel=1e-5)
 
 
 def test_forgets_slowly_and_keeps_what_it_does_not_see_again():
@@ -68,4 +80,4 @@ def test_a_column_that_never_moves_stays_finite(monkeypatch):
     monkeypatch.setattr(normalizer, "SPREAD_MIN", 1e-3)
     network = PhaseNormalizer(3, 2)
     network.update(torch.tensor([[4.0, 1.0, 0.0], [4.0, 0.0, 1.0]]))
-    assert network(torch.tensor([4.0, 1.0, 0.0])).tolist() == [0.0, 0.0, 1.0, 0.0]
+    assert folded(network, [4.0, 1.0, 0.0], EACH) == [0.0, 0.0, 1.0, 0.0]

@@ -1,5 +1,7 @@
 """Networks, storage and learner from the configuration."""
 
+from functools import partial
+
 import torch
 
 from train.base_action.module import BaseAction
@@ -23,21 +25,22 @@ def build_learner(config: TrainConfig, env: TrackingEnv, base: BaseAction | None
     settings = config.learner
     heads = len(env.reward_names) if config.value == "vector" else 1
 
-    def mlp(inputs: int, hidden: tuple[int, ...], outputs: int, stream: str, gain: float) -> Mlp:
-        return Mlp(
-            inputs, hidden, outputs, activation=settings.activation, generator=_generator(config.seed, stream),
-            output_gain=gain, precision=config.precision,
-        )  # fmt: skip
+    mlp = partial(Mlp, activation=settings.activation, precision=config.precision)
 
     low, high = settings.noise_std_range
     features = None if base is None else base.features
     seen = env.actor_obs_dim - (0 if features is None else features.unseen)
     actor_inputs = seen + (0 if features is None else features.size)
-    actor_mlp = mlp(actor_inputs, settings.actor_hidden, env.num_actions, "actor", settings.actor_output_gain)
+    actor_mlp = mlp(
+        actor_inputs, settings.actor_hidden, env.num_actions,
+        generator=_generator(config.seed, "actor"), output_gain=settings.actor_output_gain,
+    )  # fmt: skip
     normalizer = PhaseNormalizer(env.critic_obs_dim, env.phase_knots) if env.phase_knots else None
-    critic_inputs = env.critic_obs_dim if normalizer is None else normalizer.output_size
-    critic_mlp = mlp(critic_inputs, settings.critic_hidden, heads, "critic", 1.0)
-    sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, critic_inputs, env.num_actions, heads)
+    critic_mlp = mlp(
+        env.critic_obs_dim if normalizer is None else normalizer.weight_columns, settings.critic_hidden, heads,
+        generator=_generator(config.seed, "critic"), fold=None if normalizer is None else normalizer.fold,
+    )  # fmt: skip
+    sizes = Sizes(settings.horizon, env.num_envs, actor_inputs, env.critic_obs_dim, env.num_actions, heads)
     input_dtype = torch.bfloat16 if config.precision == "bf16" else torch.float32
     return Ppo(
         Actor(actor_mlp, env.num_actions, (settings.noise_std, low, high), base),

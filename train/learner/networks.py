@@ -1,12 +1,13 @@
 """Actor and critic: plain MLPs whose hidden layers may run in bf16 and whose output layers stay in fp32."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Protocol
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from train.learner.normalizer import PhaseNormalizer
 
@@ -34,6 +35,7 @@ class Mlp(nn.Module):
         generator: source of the initial weights.
         output_gain: factor on the initial output layer; small starts near zero.
         precision: ``bf16`` or ``fp32``, of the hidden layers.
+        fold: the first layer's weight (units, inputs) → the weight on what :meth:`forward` is given, if that differs.
     """
 
     def __init__(
@@ -46,9 +48,10 @@ class Mlp(nn.Module):
         generator: torch.Generator,
         output_gain: float = 1.0,
         precision: str = "fp32",
+        fold: Callable[[Tensor], Tensor] | None = None,
     ) -> None:
         super().__init__()
-        self.input_size = inputs
+        self.input_size, self._fold = inputs, fold
         sizes = [inputs, *hidden]
         layers: list[nn.Module] = []
         for size, following in pairwise(sizes):
@@ -61,11 +64,21 @@ class Mlp(nn.Module):
         """(..., inputs) → (..., outputs) float32."""
         if self.low_precision:
             with torch.autocast(x.device.type, torch.bfloat16):
-                x = self.hidden(x)
+                x = self._hidden(x)
             x = x.float()
         else:
-            x = self.hidden(x)
+            x = self._hidden(x)
         return self.output(x)
+
+    def _hidden(self, x: Tensor) -> Tensor:
+        if self._fold is None:
+            return self.hidden(x)
+        first, *others = self.hidden
+        assert isinstance(first, nn.Linear)
+        x = functional.linear(x, self._fold(first.weight), first.bias)
+        for layer in others:
+            x = layer(x)
+        return x
 
 
 class Features(Protocol):

@@ -9,12 +9,12 @@ SPREAD_MIN = 1e-3
 
 
 class PhaseNormalizer(nn.Module):
-    """An observation (..., n), normalised, and beside it how far it is off what is usual at its phase.
+    """How far an observation (..., n) is off what is usual at its phase; by :meth:`fold` also where it is.
 
     What a state is worth hangs on centimetres and tenths of a radian off a motion that itself moves by half a metre
     and a radian: a network that sees only where things are takes long to tell. Until the first update both are
-    the observation itself; each update then counts for the share 1 - ``PHASE_MEMORY`` of what is known. Both are
-    clipped to ±``INPUT_CLIP``.
+    the observation itself; each update then counts for the share 1 - ``PHASE_MEMORY`` of what is known. What is off
+    is clipped to ±``INPUT_CLIP``.
 
     Args:
         size: n.
@@ -34,7 +34,7 @@ class PhaseNormalizer(nn.Module):
     def __init__(self, size: int, knots: int) -> None:
         super().__init__()
         columns = size - knots
-        self._knots, self.output_size = knots, 2 * columns + knots
+        self._knots, self.weight_columns = knots, 2 * columns + knots
         for name, shape, value in (
             ("_weight", (knots,), 0.0), ("_sum", (knots, columns), 0.0),
             ("_square", (columns,), 0.0), ("_square_off", (columns,), 0.0),
@@ -44,10 +44,21 @@ class PhaseNormalizer(nn.Module):
             self.register_buffer(name, torch.full(shape, value))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """(..., n) → (..., 2(n - knots) + knots)."""
+        """(..., n) → (..., n): off the usual, in spreads, and the knots' weights."""
         x, hats = observation[..., : -self._knots], observation[..., -self._knots :]
-        whole, off = (x - self.mean) / self.spread, (x - hats @ self.usual) / self.spread_off
-        return torch.cat([whole.clamp(-INPUT_CLIP, INPUT_CLIP), off.clamp(-INPUT_CLIP, INPUT_CLIP), hats], dim=-1)
+        off = (x - hats @ self.usual) / self.spread_off
+        return torch.cat([off.clamp(-INPUT_CLIP, INPUT_CLIP), hats], dim=-1)
+
+    def fold(self, weight: Tensor) -> Tensor:
+        """Weight (units, ``weight_columns``) for [where it is, off the usual, knots] → (units, n) for the output.
+
+        Where it is, (x - mean) / spread, is linear in the other two: a layer learns weights for all three, and is
+        given half of the inputs.
+        """
+        columns = len(self.mean)
+        whole, off, hats = weight.split([columns, columns, self._knots], dim=-1)
+        usual = (self.usual - self.mean) / self.spread
+        return torch.cat([whole * (self.spread_off / self.spread) + off, hats + whole @ usual.T], dim=-1)
 
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:
