@@ -210,6 +210,25 @@ def test_critic_is_normalized_by_what_it_saw_only_after_learning():
     assert not torch.equal(learner.critic.normalizer.mean, first)
 
 
+def test_critic_is_the_network_of_where_it_is_how_far_off_and_the_knots():
+    """The folded layer against the plain network on all of its inputs, values and gradients."""
+    env = PointMassEnv()
+    learner = make_learner(env)
+    learner.update(collect(learner, env))
+    critic, seen = learner.critic, env.reset()["critic"]
+    usual, x, hats = critic.normalizer, seen[:, : -env.phase_knots], seen[:, -env.phase_knots :]
+    off = (x - hats @ usual.usual) / usual.spread_off
+    assert off.abs().max() < 5.0 and torch.allclose(hats.sum(dim=1), torch.ones(len(hats)))
+    plain = critic.mlp.output(critic.mlp.hidden(torch.cat([(x - usual.mean) / usual.spread, off, hats], dim=1)))
+    values = critic(seen)
+    torch.testing.assert_close(values, plain, rtol=1e-4, atol=1e-5)
+    parameters = list(critic.mlp.parameters())
+    for got, expected in zip(
+        *(torch.autograd.grad(v.square().sum(), parameters) for v in (values, plain)), strict=True
+    ):
+        torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4)
+
+
 def test_critic_sees_bare_numbers_where_the_environment_gives_no_phase():
     env = PointMassEnv()
     env.phase_knots = 0

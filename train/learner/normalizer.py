@@ -52,8 +52,8 @@ class PhaseNormalizer(nn.Module):
     def fold(self, weight: Tensor) -> Tensor:
         """Weight (units, ``weight_columns``) for [where it is, off the usual, knots] → (units, n) for the output.
 
-        Where it is, (x - mean) / spread, is linear in the other two, as far as these are not clipped: a layer learns
-        weights for all three, and is given half of the inputs.
+        Where it is, (x - mean) / spread, is linear in the other two, as far as these are not clipped and as the knots'
+        weights sum to 1: a layer learns weights for all three, and is given half of the inputs.
         """
         columns = len(self.mean)
         whole, off, hats = weight.split([columns, columns, self._knots], dim=-1)
