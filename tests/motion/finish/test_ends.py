@@ -29,9 +29,9 @@ def soles(clip: Clip, robot) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def kick(robot) -> Clip:
-    """Frames of the side kick on the right leg, the left one in the air at either end."""
-    return cut(open_motion("side_kick", robot), 150, 260)
+def kick(high_kick) -> Clip:
+    """Frames of the kick on the right leg, the left one in the air at either end."""
+    return cut(high_kick, 150, 260)
 
 
 def test_it_begins_and_ends_in_the_default_pose(robot, kick):
