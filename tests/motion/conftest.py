@@ -1,10 +1,12 @@
 """A small valid clip to start from, and the robot."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from motion.author.cli import build_clip
 from motion.clip import Clip
 from robot.robot import Robot, load_robot
 
@@ -12,6 +14,11 @@ from robot.robot import Robot, load_robot
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot()
+
+
+@pytest.fixture(scope="session")
+def lively_dance(robot: Robot) -> Clip:
+    return build_clip(Path(__file__).with_name("lively_dance.yaml"), robot)
 
 
 def clip_fields(num_frames: int = 5) -> dict:
