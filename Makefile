@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 RUN := PATH="$(BIN):$$PATH"
 REAL_TIME := tests/hal tests/deploy
 SIMULATED := tests $(addprefix --ignore ,$(REAL_TIME))
-CODE := robot view motion policy hal deploy sim2sim train benchmarks
+CODE := core robot world view motion policy hal deploy sim2sim train benchmarks
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-wires lint bench train
 

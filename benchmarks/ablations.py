@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 try:
-    from robot.processes import available_cores
+    from core.processes import available_cores
     from train.folder import ACTOR_FILE, FEASIBLE_FILE, SUMMARY_FILE
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'

@@ -15,22 +15,22 @@ from pathlib import Path
 from typing import Any
 
 try:
-    from robot.interrupt import ends_at_once
+    from core.launcher import ends_at_once
 
     with ends_at_once():
         import numpy as np
         import torch
 
+        from core.errors import InputError
+        from core.files import check_output_file, write_json
         from motion.library import open_motion
         from motion.reference import build_reference
-        from robot.errors import InputError
-        from robot.outputs import check_output_file, write_json
         from robot.robot import load_robot
-        from train.base_action.build import base_action_of
         from train.config import TrainConfig, check, compose_document
-        from train.environment.factory import build_environment
-        from train.environment.settings import CurriculumSettings
-        from train.environment.tracking import CONTROL_PERIOD_S
+        from train.mdp.factory import build_environment
+        from train.mdp.settings import CurriculumSettings
+        from train.mdp.tracking import CONTROL_PERIOD_S
+        from train.priors.build import base_action_of
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)

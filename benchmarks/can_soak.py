@@ -67,8 +67,8 @@ def lines(result: dict[str, Any]) -> list[str]:
 def main() -> int:
     """Print the outcome and, on request, write it as JSON. Returns 0 only if nothing was lost."""
     try:
-        from robot.errors import InputError
-        from robot.outputs import check_output_file, write_json
+        from core.errors import InputError
+        from core.files import check_output_file, write_json
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2

@@ -119,10 +119,10 @@ def bus_rows(backend: str, results: Sequence[Result], ceilings: dict[str, float]
 
 def ceilings_hz(backend: str) -> dict[str, float]:
     """Rounds a second that each bus or port of the bundled configuration could carry, back to back."""
+    from core.config import config_file
     from hal.can.bus_load import bus_loads
     from hal.can.robot_file import load_robot_file
     from hal.dynamixel.robot_file import load_dynamixel, port_load
-    from hal.options import config_file
 
     if backend == "can":
         return {load.bus: load.ceiling_hz for load in bus_loads(load_robot_file(config_file("hal", "can_g1")))}
@@ -135,9 +135,9 @@ def ceilings_hz(backend: str) -> dict[str, float]:
 def main() -> int:
     """Print the tables and, on request, write every result as JSON. Returns 0 only if every run completed."""
     try:
+        from core.errors import InputError
+        from core.files import check_output_file, write_json
         from hal.host_watch import HostWatch
-        from robot.errors import InputError
-        from robot.outputs import check_output_file, write_json
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2

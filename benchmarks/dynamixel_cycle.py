@@ -128,8 +128,8 @@ def measure(make: Callable[[str], Round], servos: int, baud: int, silent: int, s
 def main() -> int:
     """Print a table and, on request, write it as JSON. Returns the exit code."""
     try:
-        from robot.errors import InputError
-        from robot.outputs import check_output_file, write_json
+        from core.errors import InputError
+        from core.files import check_output_file, write_json
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2

@@ -19,14 +19,14 @@ from pathlib import Path
 try:
     import numpy as np
 
+    from core.errors import InputError
+    from core.processes import available_cores
+    from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
     from motion.clip import ARRAY_FIELDS, Clip, save_clip
     from motion.library import open_motion
     from motion.pipeline import Request, process
     from motion.report.record import TRACKABLE
-    from robot.errors import InputError
-    from robot.processes import available_cores
     from robot.robot import load_robot
-    from robot.rotations import quat_from_axis_angle, quat_mul, quat_rotate
     from train.folder import METRICS_FILE, SUMMARY_FILE
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'

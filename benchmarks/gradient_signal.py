@@ -17,20 +17,20 @@ from functools import partial
 from pathlib import Path
 
 try:
-    from robot.interrupt import ends_at_once
+    from core.launcher import ends_at_once
 
     with ends_at_once():
         import torch
         from torch import Tensor
 
+        from core.errors import InputError
         from motion.reference import build_reference
-        from robot.errors import InputError
-        from train.base_action.build import base_action_of
-        from train.environment.tracking import CONTROL_PERIOD_S
         from train.folder import FEASIBLE_FILE
         from train.learner.build import build_learner
         from train.learner.gae import advantages_per_head, paired_differences
         from train.learner.ppo import Ppo, log_prob
+        from train.mdp.tracking import CONTROL_PERIOD_S
+        from train.priors.build import base_action_of
         from train.session import Setup, environment_of, resumed_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'

@@ -24,6 +24,9 @@ try:
     import daqp
     import numpy as np
 
+    from core.errors import InputError
+    from core.files import check_output_file, write_json
+    from core.rotations import quat_from_rotvec
     from motion.contact import contact_of, staying_contact
     from motion.human.correct import correct_height
     from motion.human.motion import JOINTS, HumanMotion
@@ -33,10 +36,7 @@ try:
     from motion.retarget.body import Body
     from motion.retarget.settings import load_settings
     from motion.retarget.solver import FrameSolver
-    from robot.errors import InputError
-    from robot.outputs import check_output_file, write_json
     from robot.robot import load_robot
-    from robot.rotations import quat_from_rotvec
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)

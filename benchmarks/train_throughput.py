@@ -27,26 +27,26 @@ from typing import Any
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 try:
-    from robot.interrupt import ends_at_once
+    from core.launcher import ends_at_once
 
     with ends_at_once():
         import numpy as np
         import torch
         from mujoco.rollout import Rollout
 
+        from core.errors import InputError
+        from core.files import check_output_file, write_json
         from motion.reference import build_reference
-        from robot.errors import InputError
         from robot.kinematics import Kinematics
-        from robot.outputs import check_output_file, write_json
         from train import interface
-        from train.base_action.build import base_action_of
         from train.config import compose_document
-        from train.environment.observations import Observations
-        from train.environment.paired import PairedEnv
-        from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.learner.build import build_learner
         from train.learner.ppo import Ppo
+        from train.mdp.observations import Observations
+        from train.mdp.paired import PairedEnv
+        from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.nan_guard import NanGuard
+        from train.priors.build import base_action_of
         from train.progress import Progress
         from train.runner import Budget, Runner
         from train.session import Setup, environment_of, new_setup

@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from core.errors import InputError
 from deploy.safety.rules import tilt_rad
 from deploy.settings import EntrySettings
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from motion.reference import Reference
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
-from robot.errors import InputError
 from robot.robot import Robot
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.settings import EntrySettings
 from motion.clip import Clip, clip_from_bytes
@@ -9,7 +10,6 @@ from motion.library import open_motion
 from motion.reference import build_reference, joint_columns
 from policy.actor import load_actor
 from policy.spec import MotionInfo
-from robot.errors import InputError
 from robot.robot import Robot
 
 

@@ -3,17 +3,17 @@
 import sys
 from collections.abc import Sequence
 
+from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
+from core.errors import InputError
+from core.files import write_json
 from deploy.episode import Start
 from deploy.operator import KEY_TABLE, StopSignals
 from deploy.options import RunOptions
 from deploy.remote import BUTTON_TABLE
 from deploy.report import RunReport, summary
 from deploy.session import run_session
+from hal.contract.types import DeviceError
 from hal.open import BACKENDS
-from hal.types import DeviceError
-from robot.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
-from robot.errors import InputError
-from robot.outputs import write_json
 
 DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 

@@ -5,7 +5,7 @@ import sys
 from deploy.safety.rules import Fault
 from deploy.tick import TickResult
 from deploy.timing import PhaseTimer
-from hal.types import RobotState
+from hal.contract.types import RobotState
 
 
 class Console:

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from core.clock import Clock
+from core.errors import InputError
+from core.files import write_json
 from deploy.actor_run import ActorRun
 from deploy.preflight import Check
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
 from deploy.settings import PreflightSettings
 from deploy.timing import PhaseTimer
-from hal.backend import Backend
-from hal.clock import Clock
-from hal.types import DeviceError, RobotState
-from robot.errors import InputError
-from robot.outputs import write_json
+from hal.contract.backend import Backend
+from hal.contract.types import DeviceError, RobotState
 
 RECORDS = Path(__file__).resolve().parents[1] / "runs" / "dry_runs"
 

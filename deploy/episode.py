@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.clock import SimulatedClock
+from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.loop import Loop, Observer, Plan
 from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
@@ -15,12 +17,10 @@ from deploy.settings import DeploySettings
 from deploy.states import Request, StateMachine
 from deploy.tick import Tick, TickResult
 from deploy.timing import PhaseTimer
-from hal.backend import Placeable
-from hal.clock import SimulatedClock
-from hal.mujoco import MujocoBackend
-from hal.types import RobotState
+from hal.contract.backend import Placeable
+from hal.contract.types import RobotState
+from hal.simulated.mujoco import MujocoBackend
 from motion.metrics import METRIC_KEYS, Track
-from robot.errors import InputError
 from robot.kinematics import Kinematics
 from robot.robot import Robot
 

@@ -10,7 +10,7 @@ from deploy.recorder import Recorder
 from deploy.states import Mode
 from deploy.tick import TickResult
 from deploy.timing import PhaseTimer
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from view.renderer import open_renderer
 from view.video import VideoWriter
 

@@ -14,11 +14,11 @@ from typing import Any, Self
 import numpy as np
 from mcap.writer import Writer
 
+from core.errors import InputError
 from deploy.safety.rules import Fault
 from deploy.tick import TickResult
 from deploy.timing import PhaseTimer
-from hal.types import RobotState
-from robot.errors import InputError
+from hal.contract.types import RobotState
 from robot.robot import Robot
 
 QUEUE_MESSAGES = 2048

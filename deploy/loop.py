@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from core.clock import Clock
 from deploy.operator import RequestSource
 from deploy.sequence import BandRelease
 from deploy.states import Mode, Request
 from deploy.tick import Tick, TickResult
 from deploy.timing import PhaseTimer
-from hal.backend import Backend, Supported
-from hal.clock import Clock
-from hal.types import DeviceError, RobotState
+from hal.contract.backend import Backend, Supported
+from hal.contract.types import DeviceError, RobotState
 
 CLOCK_GRAIN_S = 1e-6
 

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from core.errors import InputError
+from core.files import check_output_file, check_output_folder
 from deploy.episode import Start
 from hal.open import WIRES
-from robot.errors import InputError
-from robot.outputs import check_output_file, check_output_folder
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.clock import Clock
+from core.rotations import projected_gravity
 from deploy.actor_run import ActorRun
 from deploy.settings import PreflightSettings
-from hal.backend import Backend
-from hal.clock import Clock
-from hal.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
+from hal.contract.backend import Backend
+from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
 from robot.robot import Robot
-from robot.rotations import projected_gravity
 
 GRAVITY_M_S2 = 9.81
 # A link may be lost for so long while nothing is energised yet: a computer that starts is busy.

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from core.rotations import quat_mul, quat_rotate, yaw_of
 from deploy.states import Mode
 from deploy.tick import TickResult
 from deploy.timing import PhaseTimer
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
 from motion.reference import Reference
 from robot.kinematics import Kinematics
-from robot.rotations import quat_mul, quat_rotate, yaw_of
 
 FALL_HEIGHT_M = 0.3
 NEED_ROOT_POSITION = ("eg_mpbpe_mm", "empbve_mm", "empbae_mm")

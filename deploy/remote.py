@@ -7,8 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from core.errors import InputError
 from deploy.states import Request
-from robot.errors import InputError
 
 BUTTONS = {
     "start": Request.STAND,

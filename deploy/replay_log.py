@@ -12,14 +12,14 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
+from core.arguments import ArgumentParser, number_argument, path_argument
+from core.errors import InputError
 from deploy.actors import load_run
 from deploy.settings import load_settings
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
 from policy.observation import term_dims
 from policy.spec import ActorSpec
-from robot.arguments import ArgumentParser, number_argument, path_argument
-from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
 SAME, DIFFERENT, BAD_INPUT = 0, 1, 2

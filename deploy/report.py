@@ -11,7 +11,6 @@ from deploy.recorder import Performance
 from deploy.safety.rules import Fault
 from deploy.timing import PhaseTimer
 from motion.metrics import METRIC_KEYS, over_episodes
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 
@@ -53,7 +52,7 @@ def make_report(
     """What the JSON result says. actor: the one that was selected last."""
     metrics: dict[str, float | None] = dict.fromkeys(METRIC_KEYS)
     if performance is not None:
-        metrics = performance.metrics(Kinematics(robot))
+        metrics = performance.metrics(robot.kinematics)
     outcome, reason = "completed", None
     if fault is not None:
         outcome, reason = "tripped", str(fault)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from deploy.actor_run import unsteady
 from deploy.settings import DeploySettings
 from deploy.states import Mode, Request, StateMachine
-from hal.types import RobotState
+from hal.contract.types import RobotState
 
 
 class BandRelease:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from core.clock import Clock, MonotonicClock, SimulatedClock
 from deploy.actor_run import ActorRun
 from deploy.actors import check_same_period, load_run
 from deploy.console import Console
@@ -26,17 +27,16 @@ from deploy.settings import DeploySettings, load_settings
 from deploy.states import StateMachine
 from deploy.tick import Tick
 from deploy.timing import PhaseTimer
-from hal.backend import Backend, Placeable
-from hal.clock import Clock, MonotonicClock, SimulatedClock
+from hal.contract.backend import Backend, Placeable
+from hal.contract.types import DeviceInfo
 from hal.emulator.launch import Emulator, launch_emulator
-from hal.mujoco import MujocoBackend
 from hal.open import open_backend, wire_config, wire_config_sha256
 from hal.realtime import no_garbage_collection, realtime
-from hal.sim_options import SimOptions, load_sim_options
-from hal.types import DeviceInfo
+from hal.simulated.mujoco import MujocoBackend
 from hal.wire.backend import WireBackend
-from robot.mjcf import check_meshes, compile_model
 from robot.robot import Robot, load_robot
+from world.model import check_meshes, compile_model
+from world.options import SimOptions, load_sim_options
 
 if TYPE_CHECKING:
     from deploy.film import Film

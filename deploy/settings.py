@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from hal.options import config_file, load_options
-from robot.errors import InputError
+from core.config import config_file, load_options
+from core.errors import InputError
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8

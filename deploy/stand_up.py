@@ -6,7 +6,7 @@ import numpy as np
 
 from deploy.safety.rules import Fault, Wish, tilt_rad
 from deploy.settings import StandUpSettings
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from robot.robot import Robot
 
 

@@ -12,7 +12,7 @@ from deploy.actor_run import ActorRun
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
 from deploy.stand_up import StandUp
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot
 

@@ -7,8 +7,9 @@ from deploy.actor_run import ActorRun
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
 from deploy.states import RESTING, Mode, Request, StateMachine
-from hal.types import DeviceError, JointCommand, RobotState
+from hal.contract.types import DeviceError, RobotState
 from policy.controller import PolicyOutput
+from world.actuation import JointCommand
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from deploy.recorder import Recorder
 from deploy.states import Request
 from deploy.tick import TickResult
 from deploy.timing import PhaseTimer
-from hal.mujoco import MujocoBackend
-from hal.types import RobotState
+from hal.contract.types import RobotState
+from hal.simulated.mujoco import MujocoBackend
 from view.viewer import LiveViewer
 
 

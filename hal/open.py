@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.backend import Backend
-from hal.clock import Clock
+from core.clock import Clock
+from core.config import config_file, load_options
+from core.errors import InputError
+from hal.contract.backend import Backend
 from hal.emulator.launch import Emulator
-from hal.mock import MockBackend, MockOptions
-from hal.mujoco import MujocoBackend
-from hal.options import config_file, load_options
-from hal.sim_options import SimOptions, load_sim_options
+from hal.simulated.mock import MockBackend, MockOptions
+from hal.simulated.mujoco import MujocoBackend
 from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
 from hal.wire.driver import DriverFactory
 from hal.wire.emulated import EmulatedWireBackend
-from robot.errors import InputError
 from robot.robot import Robot
+from world.options import SimOptions, load_sim_options
 
 # name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
 # `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
@@ -50,7 +50,7 @@ def open_backend(
     """Build the backend `name`; entering it connects.
 
     config: file or name in configs/hal (not mujoco). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
-    name in configs/sim, a file, or the options themselves. endpoints: where a wire connects, instead of what its
+    name in configs/world, a file, or the options themselves. endpoints: where a wire connects, instead of what its
     configuration says; emulator: the running other end of a wire, which adds its own endpoints. Raises InputError on
     an unknown name or an unusable option.
     """

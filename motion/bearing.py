@@ -3,10 +3,9 @@
 import mujoco
 import numpy as np
 
+from core.rotations import quat_rotate
 from robot.kinematics import BodyState
-from robot.mjcf import build_spec
 from robot.robot import Robot
-from robot.rotations import quat_rotate
 
 _ON_CAPSULE = np.linspace(-1.0, 1.0, 5)
 _CORNERS = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
@@ -16,7 +15,7 @@ class BearingShapes:
     """Spheres, capsules and boxes that collide, on all bodies of `robot` but the feet."""
 
     def __init__(self, robot: Robot) -> None:
-        model = build_spec(robot, floor=False).compile()
+        model = robot.model
         bodies, offsets, radii = [], [np.empty((0, 3))], []
         for geom in range(model.ngeom):
             name = model.body(model.geom_bodyid[geom]).name

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
+from core.files import write_whole
 from motion.npz import read_file, read_npz
-from robot.errors import InputError
-from robot.outputs import write_whole
 
 ARRAY_FIELDS = ("root_pos_w", "root_quat_wxyz", "joint_pos_rad", "contact")
 TEXT_FIELDS = ("source", "license", "created_by")

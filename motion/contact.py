@@ -12,7 +12,7 @@ from motion.physics_checks import bridged, phases
 from motion.reference import joint_columns
 from motion.settings import read_section
 from motion.track import difference
-from robot.kinematics import BodyState, Kinematics
+from robot.kinematics import BodyState
 from robot.robot import Robot
 
 
@@ -100,4 +100,4 @@ def drift_m(place_w: np.ndarray) -> float:
 
 def _bodies(clip: Clip, robot: Robot) -> BodyState:
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    return Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
+    return robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)

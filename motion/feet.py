@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from core.rotations import quat_rotate
 from motion.reference import Reference
 from robot.robot import Robot
-from robot.rotations import quat_rotate
 
 CONTACT_RULE_FPS = 30.0
 MAX_SQUARED_STEP_M2 = 0.002  # per frame at CONTACT_RULE_FPS: 1.34 m/s (paper, Table 3)

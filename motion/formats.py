@@ -3,8 +3,8 @@
 from enum import Enum
 from pathlib import Path
 
+from core.errors import InputError
 from motion.npz import zip_names
-from robot.errors import InputError
 
 FORMATS = (
     "kata clip (.npz), AMASS (.npz), mjlab or BeyondMimic motion (.npz), GVHMR result (.pt), PBHC motion (.pkl), BVH, "

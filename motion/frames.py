@@ -1,7 +1,7 @@
 """How many frames a recording has and how fast they follow one another."""
 
+from core.errors import InputError
 from motion.clip import MAX_FPS, MIN_FPS
-from robot.errors import InputError
 
 MAX_FRAMES = 100_000  # a quarter of an hour at 120 frames per second; every array of the way fits in memory
 

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.formats import FORMATS, HUMAN_FORMATS, format_of
 from motion.npz import read_file
 from motion.read import read_clip
-from robot.errors import InputError
 from robot.robot import Robot
 
 CLIPS = Path(__file__).resolve().parent / "clips"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 
 MAX_FILE_BYTES = 256 * 2**20
 MAX_TEXT = 200  # characters of what another library says

@@ -9,8 +9,6 @@ import numpy as np
 from motion.clip import Clip
 from motion.feet import CONTACT_RULE_FPS, sole_points_w
 from motion.reference import joint_columns
-from robot.kinematics import Kinematics
-from robot.mjcf import build_spec
 from robot.robot import Robot
 
 STABLE_DISTANCE_M = 0.1  # epsilon_stab (paper, Table 3)
@@ -44,7 +42,7 @@ class ClipReport:
 def check_clip(clip: Clip, robot: Robot) -> ClipReport:
     """All checks of `clip` on `robot` at the clip's own frames. Raises InputError when the joints do not match."""
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    kinematics = Kinematics(robot)
+    kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     soles = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
     distance = com_cop_distance_m(kinematics.center_of_mass_of(bodies), soles)
@@ -142,7 +140,7 @@ def self_collisions(
     root_pos_w: np.ndarray, root_quat_wxyz: np.ndarray, joint_pos_rad: np.ndarray, robot: Robot
 ) -> dict[str, int]:
     """Frames in which two bodies go into each other by more than 1 mm, by "body + body", most frequent first."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     counts: Counter[str] = Counter()
     for qpos in np.concatenate([root_pos_w, root_quat_wxyz, joint_pos_rad], axis=1):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.contact import contact_of, staying_contact
 from motion.filter import Verdict, judge
@@ -22,7 +23,6 @@ from motion.retarget.clean import Change, clean_robot_motion, largest_change
 from motion.retarget.retarget import retarget
 from motion.retarget.settings import RetargetSettings, load_settings
 from motion.settings import read_section
-from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
 Say = Callable[[str], None]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from core.errors import InputError
 from motion.clip import Clip, clip_from_bytes
 from motion.formats import HUMAN_FORMATS, Format, format_of
 from motion.human.bvh import bvh_motion
@@ -15,7 +16,6 @@ from motion.importers.pbhc_pkl import read_pbhc
 from motion.importers.torch_file import read_torch
 from motion.npz import read_file, read_npz
 from motion.reference import joint_columns
-from robot.errors import InputError
 from robot.robot import Robot
 
 

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.resample import sample_clip
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 MAX_DURATION_S = 3600.0
@@ -64,7 +63,7 @@ def build_reference(clip: Clip, robot: Robot, dt_s: float = 0.02) -> Reference:
     columns = joint_columns(clip, robot)
     joint_pos, joint_vel = samples.joint_pos_rad[:, columns], samples.joint_vel_rad_s[:, columns]
     root_pose, root_vel = (samples.root_pos_w, samples.root_quat_wxyz), (samples.root_lin_vel_w, samples.root_ang_vel_w)
-    bodies = Kinematics(robot).forward(*root_pose, joint_pos, *root_vel, joint_vel)
+    bodies = robot.kinematics.forward(*root_pose, joint_pos, *root_vel, joint_vel)
     assert bodies.lin_vel_w is not None and bodies.ang_vel_w is not None
     return Reference(
         dt_s=dt_s,

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import normalize, quat_conjugate, quat_mul, quat_slerp, quat_to_rotvec
 from motion.clip import MAX_FPS, MIN_FPS, Clip
-from robot.errors import InputError
-from robot.rotations import normalize, quat_conjugate, quat_mul, quat_slerp, quat_to_rotvec
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar
 
+from core.errors import InputError
 from robot.description import check_keys, finite_number, read_yaml
-from robot.errors import InputError
 
 PROCESS = Path(__file__).resolve().parents[1] / "configs" / "motion" / "process.yaml"
 Settings = TypeVar("Settings")

@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.rotations import quat_conjugate, quat_mul, quat_slerp, quat_to_rotvec
 from motion.bearing import BearingShapes
 from motion.clip import Clip
 from motion.feet import at_frames, sole_points_w
 from motion.human.motion import JOINTS, HumanMotion
 from motion.human.stability import body_points_of, center_of_mass_w, sole_points_of
 from motion.reference import joint_columns
-from robot.kinematics import Kinematics
 from robot.robot import Robot
-from robot.rotations import quat_conjugate, quat_mul, quat_slerp, quat_to_rotvec
 
 STEP_S = 1.0 / 30.0  # velocities over less say more about noise than about the motion
 
@@ -59,7 +58,7 @@ def track_clip(clip: Clip, robot: Robot, max_joint_speed_factor: float) -> Track
     Raises InputError when the clip's joints are not the robot's.
     """
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    kinematics = Kinematics(robot)
+    kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     sole_w = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
     return Track(

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
+from core.errors import InputError
 from policy.adapters import pbhc
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
 from policy.observation import check_terms, gather_index, term_dims
 from policy.session import ORT_ERRORS, one_line, open_session
 from policy.spec import ActorSpec, MotionInfo
-from robot.errors import InputError
 from robot.robot import Robot
 
 ACTORS_DIR = Path(__file__).parent / "actors"

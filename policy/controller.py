@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.errors import InputError
 from policy.action import decode_action
 from policy.actor import Actor
 from policy.history import ObservationHistory
 from policy.observation import ObservationInput, sample_terms, term_dims
-from robot.errors import InputError
 from robot.robot import Robot
 
 

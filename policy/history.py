@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from core.errors import InputError
 from policy.observation import gather_index, num_lags, sample_clip, sample_width, term_order
 from policy.spec import HISTORY_STARTS, ObservationGroup
-from robot.errors import InputError
 
 
 class ObservationHistory:

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import onnxruntime
 
+from core.errors import InputError
+from core.files import write_whole
 from policy.session import open_session
 from policy.spec import ActorSpec
-from robot.errors import InputError
-from robot.outputs import write_whole
 
 SPEC_KEY = "actor_spec"
 MOTION_KEY = "motion_npz"

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import array_module
+from core.rotations import projected_gravity as gravity_in_body
 from policy.spec import ObservationGroup, ObservationTerm
-from robot.errors import InputError
-from robot.rotations import array_module
-from robot.rotations import projected_gravity as gravity_in_body
 
 Array = Any  # np.ndarray or torch.Tensor
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_state
 
-from robot.errors import InputError
+from core.errors import InputError
 
 ORT_ERRORS = (
     ort_state.EPFail,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 
 SCHEMA_VERSION = 1
 HISTORY_STARTS = ("zeros", "repeat")

@@ -12,8 +12,8 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from robot.errors import InputError
-from robot.names import check_same_names
+from core.errors import InputError
+from core.names import check_same_names
 
 CONFIG_FOLDER = Path(__file__).resolve().parents[1] / "configs" / "robot"
 

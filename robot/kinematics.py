@@ -7,16 +7,25 @@ the number of bodies or samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from robot.errors import InputError
-from robot.mjcf import build_spec
-from robot.robot import Robot
-from robot.rotations import Array, array_module, cross_parts, mul_parts, quat_rotate, rotate_parts
+from core.errors import InputError
+from core.rotations import Array, array_module, cross_parts, mul_parts, quat_rotate, rotate_parts
+
+
+@dataclass(frozen=True)
+class TrackedPoint:
+    """A point fixed to body ``parent`` at ``offset_m`` (3,) in that body's frame."""
+
+    name: str
+    parent: str
+    offset_m: tuple[float, float, float]
 
 
 class BodyState(NamedTuple):
@@ -45,19 +54,18 @@ class _Constants(NamedTuple):
 
 
 class Kinematics:
-    """Where every body and tracked point of ``robot`` is, given root and joints.
+    """Where every body of ``model`` and every one of ``points`` is, given root and joints.
 
     Accepts numpy arrays or torch tensors of any floating type and device with any leading dimensions;
-    answers with the same kind. Order of the points: ``robot.tracked_names``.
+    answers with the same kind, bodies first. ``where`` is named by the InputError of a model that does not fit.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        model = build_spec(robot, floor=False).compile()
-        _check_joints(model, robot)
-        self._num_bodies = len(robot.body_names)
+    def __init__(self, model: mujoco.MjModel, points: Sequence[TrackedPoint], *, where: str) -> None:
+        _check_joints(model, where)
+        self._num_bodies = model.nbody - 1
         self._mass_fraction = model.body_mass[1:] / model.body_mass.sum()
         self._com_offset_m = model.body_ipos[1:].copy()
-        self._numpy, bounds = _constants(model, robot)
+        self._numpy, bounds = _constants(model, points)
         self._levels = tuple(pairwise(bounds))
         self._cache: dict[Any, _Constants] = {}
 
@@ -165,15 +173,15 @@ def _like(array: Array, values: np.ndarray) -> Array:
     return array_module(array).as_tensor(values, dtype=None if whole else array.dtype, device=array.device)
 
 
-def _check_joints(model: mujoco.MjModel, robot: Robot) -> None:
+def _check_joints(model: mujoco.MjModel, where: str) -> None:
     """The recursion takes one hinge per body, at the body's origin."""
     one_each = np.array_equal(model.jnt_bodyid, np.arange(1, model.nbody))
     if not one_each or np.any(model.jnt_pos[1:]):
         expected = "one hinge on every body but the root, at the body's origin"
-        raise InputError("joints do not fit forward kinematics", where=robot.mjcf_path, expected=expected)
+        raise InputError("joints do not fit forward kinematics", where=where, expected=expected)
 
 
-def _constants(model: mujoco.MjModel, robot: Robot) -> tuple[_Constants, list[int]]:
+def _constants(model: mujoco.MjModel, points: Sequence[TrackedPoint]) -> tuple[_Constants, list[int]]:
     """The numbers, and where among the joints (sorted by depth) each level begins."""
     parent = model.body_parentid[1:] - 1  # body i here is MuJoCo's body i + 1; the root is 0
     depth = np.zeros(len(parent), dtype=int)
@@ -191,7 +199,7 @@ def _constants(model: mujoco.MjModel, robot: Robot) -> tuple[_Constants, list[in
         body_quat=model.body_quat[1:][below_root].T[..., None].copy(),
         axis=model.jnt_axis[below_root].T[..., None].copy(),
         mjcf_order=row,
-        point_bodies=row[robot.body_index([point.parent for point in robot.points])],
-        point_offset=np.array([point.offset_m for point in robot.points], dtype=np.float64).reshape(-1, 3).T[..., None],
+        point_bodies=row[[model.body(point.parent).id - 1 for point in points]],
+        point_offset=np.array([point.offset_m for point in points], dtype=np.float64).reshape(-1, 3).T[..., None],
     )
     return constants, list(np.cumsum([0, *(len(bodies) for bodies in levels[1:])]))

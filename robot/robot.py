@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from core.names import check_same_names, index_of
 from robot.description import (
     BODY_GROUPS,
     FIELDS,
@@ -26,16 +29,7 @@ from robot.description import (
     soft_factor,
     sole_points_m,
 )
-from robot.names import check_same_names, index_of
-
-
-@dataclass(frozen=True)
-class TrackedPoint:
-    """A point fixed to body ``parent`` at ``offset_m`` (3,) in that body's frame."""
-
-    name: str
-    parent: str
-    offset_m: tuple[float, float, float]
+from robot.kinematics import Kinematics, TrackedPoint
 
 
 @dataclass(frozen=True)
@@ -52,11 +46,13 @@ class Robot:
     """One robot. Arrays are (J,) float64, read-only, in joint table order, which is the MJCF's order.
 
     ``body_names`` starts with the root and follows the MJCF depth first. ``sole_points_m`` maps each
-    foot body to the (S, 3) lowest points of its sole in that body's frame.
+    foot body to the (S, 3) lowest points of its sole in that body's frame. ``model`` is the MJCF compiled as it
+    stands in its file, without a floor or motors; it is shared, so nobody edits it.
     """
 
     name: str
     mjcf_path: Path
+    model: mujoco.MjModel = field(repr=False)
     joint_names: tuple[str, ...]
     default_pos_rad: np.ndarray
     kp: np.ndarray
@@ -86,6 +82,11 @@ class Robot:
     def num_joints(self) -> int:
         """Number of controlled joints J."""
         return len(self.joint_names)
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Where bodies and tracked points are, given root and joints. InputError where its joints do not fit."""
+        return Kinematics(self.model, self.points, where=str(self.mjcf_path))
 
     @property
     def tracked_names(self) -> tuple[str, ...]:
@@ -142,6 +143,7 @@ def load_robot(name_or_file: str | Path = "g1_23dof") -> Robot:
     return Robot(
         name=str(table["name"]),
         mjcf_path=mjcf_path,
+        model=model,
         soft_limit_factor=soft_factor(table["soft_limit_factor"], where=f"{path}: soft_limit_factor"),
         body_names=bodies,
         points=points,

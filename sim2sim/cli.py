@@ -5,16 +5,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from robot.arguments import (
-    ArgumentParser,
-    count_argument,
-    number_argument,
-    path_argument,
-    positive_count_argument,
-)
-from robot.errors import InputError
-from robot.mjcf import check_meshes
-from robot.outputs import check_output_file, check_output_folder, check_output_kind, write_json
+from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_count_argument
+from core.errors import InputError
+from core.files import check_output_file, check_output_folder, check_output_kind, write_json
 from robot.robot import load_robot
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
@@ -22,6 +15,7 @@ from sim2sim.progress import Progress
 from sim2sim.request import Request
 from sim2sim.stress import load_conditions, stress, stress_document, stress_table
 from sim2sim.table import format_table
+from world.model import check_meshes
 
 Writer = Callable[[Evaluation], None]
 SET_BY_CONDITIONS = ("sim", "friction", "delay", "push", "episodes", "randomize", "video", "report")

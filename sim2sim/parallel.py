@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 
-from robot.processes import available_cores, end_with_parent, one_thread_each
+from core.processes import available_cores, end_with_parent, one_thread_each
 from sim2sim.episode import EpisodeScore
 from sim2sim.player import Player
 from sim2sim.request import Request

@@ -2,16 +2,15 @@
 
 import numpy as np
 
+from core.clock import SimulatedClock
+from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.episode import EpisodeResult, Scene, Start, run_episode
 from deploy.recorder import Performance, Recorder
 from deploy.settings import load_settings
-from hal.clock import SimulatedClock
-from hal.mujoco import MujocoBackend
+from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from robot.robot import load_robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.request import Request
@@ -26,7 +25,7 @@ class Player:
         self.request = request
         self.robot = load_robot()
         self._settings = load_settings()
-        self._kinematics = Kinematics(self.robot)
+        self._kinematics = self.robot.kinematics
         entry = self._settings.entry
         self._runs = [load_run(policy, request.motion, self.robot, entry) for policy in request.policies]
         self._stand = load_run(STAND_ACTOR, None, self.robot, entry) if request.start == "stand" else None

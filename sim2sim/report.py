@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot.outputs import replacing
+from core.files import replacing
 from sim2sim import plots
 from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
 from sim2sim.evaluation import Evaluation, Run
@@ -24,7 +24,7 @@ class Picture:
 def write_report(folder: Path, evaluation: Evaluation, meshes: Path | None = None) -> None:
     """Write `report.html`, complete or not at all, into `folder`, which is made if need be.
 
-    meshes: folder of the maker's, see robot.mjcf.
+    meshes: folder of the maker's, see world.model.
     """
     page = _page(evaluation, _pictures(evaluation, meshes))
     folder.mkdir(exist_ok=True)

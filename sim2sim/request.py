@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.sim_options import SimOptions, load_sim_options
+from world.options import SimOptions, load_sim_options
 
 EPISODES_PER_SEED = 1_000_000
 

@@ -5,8 +5,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hal.options import config_file, load_options
-from robot.errors import InputError
+from core.config import config_file, load_options
+from core.errors import InputError
 from sim2sim.definitions import SCORES
 from sim2sim.evaluation import Evaluation
 from sim2sim.request import Request

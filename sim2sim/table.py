@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from robot.errors import InputError
+from core.errors import InputError
 from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
 
 Document = Mapping[str, Any]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 from robot.robot import Robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.evaluation import Evaluation
@@ -20,7 +20,7 @@ STRIP_PICTURES, STRIP_COLUMNS = 8, 4
 def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) -> None:
     """The first episode of each policy, one panel each, and the reference in the last. Every second step is shown.
 
-    meshes: folder of the maker's, see robot.mjcf.
+    meshes: folder of the maker's, see world.model.
     """
     episodes = [run.episodes[0] for run in evaluation.runs if len(run.episodes[0].qpos)]
     if not episodes:
@@ -33,7 +33,7 @@ def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) 
 
 
 def open_stage(robot: Robot, meshes: Path | None = None) -> Stage:
-    """Draws panels. meshes: folder of the maker's, see robot.mjcf."""
+    """Draws panels. meshes: folder of the maker's, see world.model."""
     return Stage(robot, PANEL_WIDTH, PANEL_HEIGHT, meshes)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from robot.errors import InputError
-from robot.outputs import write_whole
+from core.errors import InputError
+from core.files import write_whole
 
 _ARRAY = "__ndarray__"
 _KEPT = 2

@@ -17,13 +17,13 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from robot.errors import InputError
-from robot.processes import available_cores
-from train.base_action.module import BaseActionSettings
-from train.environment.settings import EnvironmentSettings
+from core.errors import InputError
+from core.processes import available_cores
+from core.structured import at_least, parse, positive, within
 from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
-from train.structured import at_least, parse, positive, within
+from train.mdp.settings import EnvironmentSettings
+from train.priors.module import BaseActionSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
 _PATH_KEYS = ("motion", "robot", "run_dir")

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from robot.outputs import write_whole
+from core.files import write_whole
 
 _PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
     ("body errors [mm]", ("eg_mpbpe_mm", "empbpe_mm"), False),

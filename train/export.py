@@ -16,15 +16,15 @@ import numpy as np
 import onnxruntime
 import torch
 
+from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
 from motion.reference import joint_columns
 from policy.metadata import write_metadata
 from policy.observation import pbhc_actor_group
 from policy.spec import ActorSpec, MotionInfo
-from robot.outputs import replacing
 from robot.robot import Robot
-from train.environment.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 from train.learner.networks import Actor
+from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 
 TOLERANCE = 1e-5
 _OPSET = 17

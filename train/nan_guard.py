@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from robot.outputs import write_whole
+from core.files import write_whole
 from train.checkpoint import save_state, snapshot
 from train.interface import StepResult, TrackingEnv
 

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from torch.utils.tensorboard import SummaryWriter
 
-from robot.outputs import write_whole
+from core.files import write_whole
 from train.curves import draw_curves
 from train.folder import CURVES_FILE, METRICS_FILE
 

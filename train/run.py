@@ -21,10 +21,10 @@ def main(arguments: list[str]) -> int:
         print(__doc__)
         return 0
     try:
-        from robot.interrupt import ends_at_once
+        from core.launcher import ends_at_once
 
         with ends_at_once():
-            from robot.errors import InputError
+            from core.errors import InputError
             from train.config import compose_document
             from train.export import ExportError
             from train.nan_guard import NonFiniteError

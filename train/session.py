@@ -10,26 +10,26 @@ from typing import Any
 
 import torch
 
+from core.errors import InputError
+from core.files import write_json, write_whole
+from core.signals import StopRequest
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
 from motion.reference import build_reference
-from robot.errors import InputError
-from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
-from train.base_action.build import base_action_of
-from train.base_action.trim import Trim
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
-from train.environment.evaluator import NoisyStartEvaluator
-from train.environment.factory import build_environment
-from train.environment.paired import PairedEnv
-from train.environment.tracking import CONTROL_PERIOD_S
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
-from train.interrupt import StopRequest
 from train.learner.build import build_learner
+from train.mdp.evaluator import NoisyStartEvaluator
+from train.mdp.factory import build_environment
+from train.mdp.paired import PairedEnv
+from train.mdp.tracking import CONTROL_PERIOD_S
 from train.nan_guard import replay
+from train.priors.build import base_action_of
+from train.priors.trim import Trim
 from train.progress import TIME_PREFIX, Progress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import RunReport, story

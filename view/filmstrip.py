@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robot.errors import InputError
-from robot.outputs import check_output_kind, write_whole
+from core.errors import InputError
+from core.files import check_output_kind, write_whole
 
 
 def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px: int = 2) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Protocol, Self
 import mujoco
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 from view.camera import Camera
 from view.gl import GlRenderer
 from view.software import SoftwareRenderer

@@ -7,10 +7,10 @@ from typing import Self
 import mujoco
 import numpy as np
 
-from robot.mjcf import compile_model
 from robot.robot import Robot
 from view.camera import Camera
 from view.renderer import open_renderer
+from world.model import compile_model
 
 
 class Stage:

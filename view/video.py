@@ -10,8 +10,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from robot.errors import InputError
-from robot.outputs import check_output_kind, replacing
+from core.errors import InputError
+from core.files import check_output_kind, replacing
 
 _QUALITY = {"crf": "20", "preset": "veryfast"}
 

@@ -10,7 +10,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 from view.camera import Camera
 from view.gl import add_ghost
 

@@ -8,8 +8,9 @@ from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
 from deploy.safety.rules import Fault, LimitRule, Sample, TripRule, Wish
 from deploy.safety.trips import CLOCK_GRAIN_S, trip_rules
 from deploy.settings import DeploySettings
-from hal.types import DeviceError, DeviceFault, JointCommand, RobotState
+from hal.contract.types import DeviceError, DeviceFault, RobotState
 from robot.robot import Robot
+from world.actuation import JointCommand
 
 OTHER_RULES = ("action_not_finite", "link_loss", "stand_up_error", "stand_up_tilt")
 

@@ -8,7 +8,7 @@ range it must not push further out.
 import numpy as np
 
 from deploy.safety.rules import Wish
-from hal.types import RobotState
+from hal.contract.types import RobotState
 from robot.robot import Robot
 
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hal.types import RobotState
+from hal.contract.types import RobotState
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,15 @@ from typing import Self
 
 import numpy as np
 
+from core.errors import InputError
 from hal.can.bus import CanBus
 from hal.can.codec import Feedback, MotorCommand
 from hal.can.robot_file import RobotFile
 from hal.can.setup import commanded_by_others, prepare, switch_off, switch_on
 from hal.can.talk import ask
-from hal.types import DeviceError, JointCommand
-from robot.errors import InputError
+from hal.contract.types import DeviceError
 from robot.robot import Robot
+from world.actuation import JointCommand
 
 STRETCH_RAD = 0.1
 DAMPED_S = 0.3

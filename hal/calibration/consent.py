@@ -6,9 +6,9 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from types import FrameType
 
+from core.errors import InputError
 from hal.can.robot_file import DEFAULT_CONFIG, RobotFile, load_robot_file
-from hal.types import DeviceError
-from robot.errors import InputError
+from hal.contract.types import DeviceError
 from robot.robot import Robot, load_robot
 
 DONE, FAILED, BAD_INPUT, DEVICE = 0, 1, 2, 4

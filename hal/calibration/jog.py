@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
+from core.arguments import ArgumentParser
+from core.errors import InputError
 from hal.calibration.bench import Bench, JointReading
 from hal.calibration.consent import DONE, Ask, add_wire_options, consent, load_wires, run_command
-from robot.arguments import ArgumentParser
-from robot.errors import InputError
 
 TORQUE_SHARE, TORQUE_SHARE_MAX = 0.05, 0.2
 BY_MAX_RAD, SPEED_MAX_RAD_S = 0.5, 0.5

@@ -3,14 +3,14 @@
 import time
 from collections.abc import Iterable, Sequence
 
+from core.arguments import ArgumentParser
+from core.errors import InputError
 from hal.calibration.consent import DEVICE, DONE, add_wire_options, load_wires, run_command
 from hal.can.bus_load import bus_loads, check_loads, load_table
 from hal.can.codec import Codec, Found
 from hal.can.codecs import CODECS
 from hal.can.link import Link
 from hal.can.robot_file import BusEntry, RobotFile
-from robot.arguments import ArgumentParser
-from robot.errors import InputError
 
 LISTEN_S = 0.15
 ANSWER_S = 0.008

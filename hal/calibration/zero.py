@@ -6,15 +6,15 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from core.arguments import ArgumentParser
+from core.config import config_file
+from core.errors import InputError
+from core.files import write_whole
 from hal.calibration.bench import Bench, JointReading
 from hal.calibration.consent import DONE, Ask, add_wire_options, consent, load_wires, run_command
 from hal.calibration.jog import TORQUE_SHARE, TORQUE_SHARE_MAX, require_watchdog
 from hal.can.robot_file import MotorEntry
-from hal.options import config_file
-from hal.types import DeviceError
-from robot.arguments import ArgumentParser
-from robot.errors import InputError
-from robot.outputs import write_whole
+from hal.contract.types import DeviceError
 
 SPEED_RAD_S = 0.15
 STALLED_RAD_S, STALLED_S = 0.02, 0.6

@@ -15,8 +15,8 @@ from hal.can.link import Link
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.targets import Targets
-from hal.joint_map import JointMap
-from hal.types import DeviceError
+from hal.contract.joint_map import JointMap
+from hal.contract.types import DeviceError
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox, Outgoing

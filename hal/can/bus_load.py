@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from core.errors import InputError
 from hal.can.codec import MotorCommand, MotorState
 from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
 from hal.can.robot_file import BusEntry, RobotFile
-from robot.errors import InputError
 
 MAX_LOAD = 0.8
 SPACE_BITS = 3

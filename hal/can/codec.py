@@ -2,7 +2,7 @@
 
 A codec is an immutable description of one motor on its wire (ids, ranges); its methods are pure functions of their
 arguments. All values are the motor's own: radians, rad/s, Nm at the shaft that the protocol speaks of, before gear,
-direction and zero of the joint (`hal.joint_map`).
+direction and zero of the joint (`hal.contract.joint_map`).
 """
 
 import enum

@@ -5,17 +5,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from core.errors import InputError
 from hal.can.bus import CanBus
 from hal.can.bus_load import BusLoad, bus_loads, check_loads
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile, check_motors, load_robot_file
 from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, switch_on
+from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.imu.reader import ImuReader
-from hal.types import DeviceError, DeviceFault, DeviceInfo
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox
-from robot.errors import InputError
 from robot.robot import Robot
 
 

@@ -9,7 +9,7 @@ slcan:///dev/pts/N               a serial adapter
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from robot.errors import InputError
+from core.errors import InputError
 
 if TYPE_CHECKING:
     from hal.can.robot_file import BusEntry

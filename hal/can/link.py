@@ -12,7 +12,7 @@ import can
 from hal.can.endpoints import ECHOING
 from hal.can.frame import Frame
 from hal.can.socketcand import SocketcandBus
-from hal.types import DeviceError
+from hal.contract.types import DeviceError
 
 # python-can raises its own errors, but also what the system and the adapters' libraries raise.
 ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)

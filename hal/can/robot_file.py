@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from core.config import config_file, load_options
+from core.errors import InputError
+from core.names import check_same_names
 from hal.can.codec import Codec
 from hal.can.codecs import make_codec
 from hal.can.endpoints import EMULATED_AS, bus_arguments
 from hal.can.frame import IdFilter
+from hal.contract.joint_map import JointMap
 from hal.imu.options import ImuOptions
-from hal.joint_map import JointMap
-from hal.options import config_file, load_options
-from robot.errors import InputError
-from robot.names import check_same_names
 from robot.robot import Robot
 
 IMU = "imu"

@@ -7,7 +7,7 @@ from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, Message, MotorComma
 from hal.can.frame import Frame
 from hal.can.motor import Motor
 from hal.can.talk import ask, listen
-from hal.types import DeviceError, DeviceFault
+from hal.contract.types import DeviceError, DeviceFault
 
 SWITCH_TRIES = 10
 ANSWER_TRIES = 6

@@ -3,9 +3,9 @@
 import numpy as np
 
 from hal.can.codec import MotorCommand
-from hal.joint_map import JointMap
-from hal.types import JointCommand
+from hal.contract.joint_map import JointMap
 from hal.wire.outbox import Kind, Outgoing
+from world.actuation import JointCommand
 
 
 class Targets:

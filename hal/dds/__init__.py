@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from robot.errors import InputError
+from core.errors import InputError
 
 if find_spec("cyclonedds") is None:
     raise InputError("cyclonedds is not installed", where="backend dds", hint="pip install kata[dds]")

@@ -4,8 +4,8 @@ import numpy as np
 
 from hal.dds.layout import CMD
 from hal.dds.slots import SLOTS, HeldJoint, SlotMap
-from hal.types import JointCommand
 from hal.wire.outbox import Kind, Outgoing
+from world.actuation import JointCommand
 
 ENABLED, DISABLED = 1, 0
 PITCH_ROLL = 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.dds.command import CommandFrames
 from hal.dds.link import Link
 from hal.dds.motion_service import MotionService
@@ -17,7 +18,6 @@ from hal.dds.state_reader import STATE_TOPIC, StateReader
 from hal.dds.state_writer import StateWriter
 from hal.dds.tick_clock import TickClock
 from hal.dds.types import LowCmd_
-from hal.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Kind, Outbox

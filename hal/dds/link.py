@@ -16,9 +16,9 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from core.errors import InputError
 from hal import realtime
-from hal.types import DeviceError
-from robot.errors import InputError
+from hal.contract.types import DeviceError
 
 LOOPBACK = "lo"
 DOMAINS = range(233)

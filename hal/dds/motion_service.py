@@ -5,9 +5,9 @@ import json
 import time
 from typing import Any
 
+from hal.contract.types import DeviceError, DeviceFault
 from hal.dds.link import Link
 from hal.dds.types import NO_BYTES, Request_, RequestHeader_, RequestIdentity_, RequestLease_, RequestPolicy_, Response_
-from hal.types import DeviceError, DeviceFault
 
 REQUEST_TOPIC = "rt/api/motion_switcher/request"
 RESPONSE_TOPIC = "rt/api/motion_switcher/response"

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from core.config import load_options
+from core.errors import InputError
 from hal.dds.slots import HeldJoint
-from hal.options import load_options
-from robot.errors import InputError
 
 SERVICES = ("release", "none")
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 from robot.robot import Robot
 
 # The 29-motor G1, in the order of the wire; the last six of the wire's 35 places have no motor.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.dynamixel.group import ServoGroup
 from hal.dynamixel.port import latency_timer_ms
 from hal.dynamixel.registers import WATCHDOG_UNIT_S
@@ -14,7 +15,6 @@ from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load
 from hal.dynamixel.setup import Found
 from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
-from hal.types import DeviceError, DeviceFault, DeviceInfo
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox

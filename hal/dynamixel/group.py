@@ -7,6 +7,7 @@ from concurrent.futures import Future
 
 import numpy as np
 
+from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel import setup
@@ -15,7 +16,6 @@ from hal.dynamixel.questions import Heard, StateQuestions
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions
 from hal.dynamixel.setup import Found, Job, Servo
 from hal.dynamixel.translation import STATE, Translation
-from hal.types import DeviceError
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Kind, Outbox, Outgoing

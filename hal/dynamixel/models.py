@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import load_options
+from core.errors import InputError
 from hal.dynamixel import registers as r
-from hal.options import load_options
-from robot.errors import InputError
 
 P_UNIT, D_UNIT = 1 / 128, 1 / 16
 PWM_FULL = 885

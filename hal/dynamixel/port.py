@@ -8,9 +8,9 @@ from pathlib import Path
 
 import serial
 
+from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel.protocol2 import Packet, PacketParser
-from hal.types import DeviceError
 
 CHUNK = 4096
 PATIENT_S = 0.1

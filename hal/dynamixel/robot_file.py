@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import config_file, load_options
+from core.errors import InputError
+from hal.contract.joint_map import JointMap
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Model, find_model
 from hal.dynamixel.protocol2 import MAX_ID, STATUS_BYTES, fast_bytes, sync_read, sync_write
 from hal.imu.options import BITS_PER_BYTE, ImuOptions
-from hal.joint_map import JointMap
-from hal.options import config_file, load_options
-from robot.errors import InputError
 from robot.robot import Robot
 
 BUSY_MAX = 0.8

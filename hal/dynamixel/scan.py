@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
+from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import known_models
 from hal.dynamixel.port import latency_timer_ms
-from hal.types import DeviceError
 
 DONE, NO_DEVICE = 0, 4
 PROTOCOL = 2.0

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hal.contract.joint_map import JointMap
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Law
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions, bands, joint_map
-from hal.joint_map import JointMap
-from hal.types import JointCommand
 from robot.robot import Robot
+from world.actuation import JointCommand
 
 STATE = struct.Struct("<hii8xHb")
 

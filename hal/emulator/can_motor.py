@@ -9,9 +9,9 @@ from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Codec, CommandKind, DeviceCo
 from hal.can.codecs import cubemars, damiao, moteus, odrive_tables, robstride, robstride_tables
 from hal.can.frame import Frame
 from hal.can.robot_file import MotorEntry
+from hal.contract.joint_map import TURN_RAD
 from hal.emulator.faults import Faults
 from hal.emulator.robot import EmulatedRobot, Joints
-from hal.joint_map import TURN_RAD
 
 ROOM_C = 32.0
 FACTORY_WATCHDOG_S = {"moteus": moteus.DEFAULT_WATCHDOG_S}

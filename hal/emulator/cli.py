@@ -12,14 +12,14 @@ import time
 from collections.abc import Sequence
 from types import FrameType
 
+from core.arguments import ArgumentParser, count_argument, number_argument
+from core.errors import InputError
 from hal import realtime
+from hal.contract.types import DeviceError
 from hal.emulator.device import DEVICES
 from hal.emulator.emulation import Emulation
 from hal.emulator.faults import COMMON_KINDS, parse_fault
 from hal.emulator.keyboard import KEY_TABLE, FaultKeys
-from hal.types import DeviceError
-from robot.arguments import ArgumentParser, count_argument, number_argument
-from robot.errors import InputError
 from robot.robot import load_robot
 
 DONE, FAILED, BAD_INPUT, DEVICE = 0, 1, 2, 4

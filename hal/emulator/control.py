@@ -8,8 +8,8 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Self
 
-from hal.types import DeviceError
-from robot.errors import InputError
+from core.errors import InputError
+from hal.contract.types import DeviceError
 
 HOST = "127.0.0.1"
 BACKLOG = 8

@@ -7,6 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from core.config import config_file, load_options
+from core.errors import InputError
+from core.rotations import quat_from_axis_angle, quat_mul
 from hal.dds.driver import COMMAND_TOPIC
 from hal.dds.layout import CMD, STATE
 from hal.dds.link import LOOPBACK, Link
@@ -21,9 +24,6 @@ from hal.emulator.dds_service import MODES, MotionServer
 from hal.emulator.device import DeviceSide, Worker
 from hal.emulator.faults import DelayLine, FaultKind, Faults
 from hal.emulator.robot import EmulatedRobot
-from hal.options import config_file, load_options
-from robot.errors import InputError
-from robot.rotations import quat_from_axis_angle, quat_mul
 
 WIRE = "lowstate"
 WRONG_MACHINE = 4

@@ -3,7 +3,7 @@
 import os
 import socket
 
-from hal.types import DeviceError
+from hal.contract.types import DeviceError
 
 HOST = "127.0.0.1"
 # Below these the robot's and simulators' own, above them ports that the machine gives out by itself.

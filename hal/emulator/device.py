@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+from core.errors import InputError
 from hal.emulator.faults import COMMON_KINDS, FaultKind, Faults
 from hal.emulator.robot import EmulatedRobot
-from robot.errors import InputError
 
 # kind of emulator -> module and class of its device side
 DEVICES = {

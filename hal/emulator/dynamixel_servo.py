@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 
+from hal.contract.joint_map import JointMap
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Law, Model
 from hal.dynamixel.registers import Register
 from hal.emulator.robot import EmulatedRobot
-from hal.joint_map import JointMap
 
 EEPROM_END = r.TORQUE_ENABLE.address
 FIRMWARE = 48

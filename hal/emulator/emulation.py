@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
+from core.errors import InputError
 from hal.emulator.control import ControlServer
 from hal.emulator.device import device_class, fault_kinds
 from hal.emulator.faults import EVERYTHING, Fault, Faults
 from hal.emulator.robot import EmulatedRobot
-from robot.errors import InputError
 from robot.robot import Robot
 
 

@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 
 EVERYTHING = "*"
 T = TypeVar("T")

@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from core.config import config_file, load_options
+from core.rotations import quat_from_axis_angle, quat_mul
 from hal.emulator.device import DeviceSide, Worker
 from hal.emulator.faults import DelayLine, FaultKind, Faults
 from hal.emulator.pty import Terminal
 from hal.emulator.robot import EmulatedRobot
 from hal.imu.options import PROTOCOLS, ImuOptions
 from hal.imu.sample import Mounting
-from hal.options import config_file, load_options
-from robot.rotations import quat_from_axis_angle, quat_mul
 
 KEY = "imu"
 FORWARD = np.array([0.0, 1.0, 0.0])

@@ -12,9 +12,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
+from core.errors import InputError
+from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
-from hal.types import DeviceError
-from robot.errors import InputError
 
 BAD_INPUT = 2
 START_LIMIT_S = 30.0

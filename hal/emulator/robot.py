@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hal.band import NEVER, Band
-from hal.conditions import draw_conditions
 from hal.emulator.checks import CommandChecks
 from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
-from hal.hanging import hang_in_band
-from hal.plant import Measurement, Plant
-from hal.plant_model import build_plant_model
-from hal.sim_options import SimOptions, load_sim_options
-from hal.types import JointCommand, TrueState
 from robot.robot import Robot
+from world.actuation import JointCommand
+from world.gantry import NEVER, Band
+from world.hanging import hang_in_band
+from world.options import SimOptions, load_sim_options
+from world.plant import Measurement, Plant, TrueState
+from world.plant_model import build_plant_model
+from world.randomization import draw_conditions
 
 WAKE_PERIOD_S = 0.005
 LATE_S = 0.01

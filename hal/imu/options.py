@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from core.errors import InputError
 from hal.imu import hipnuc, witmotion
 from hal.imu.sample import ImuParser, Mounting, Quaternion
-from robot.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import serial
 
+from hal.contract.types import DeviceError
 from hal.imu.options import PROTOCOLS, ImuOptions
 from hal.imu.sample import Mounting
-from hal.types import DeviceError
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from robot.errors import InputError
-from robot.rotations import quat_conjugate, quat_mul, quat_rotate
+from core.errors import InputError
+from core.rotations import quat_conjugate, quat_mul, quat_rotate
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 NORM_TOLERANCE = 0.02

@@ -10,26 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from hal.backend import ClosesByDamping
-from hal.clock import Clock
-from hal.dead_man import DeadMan
-from hal.types import (
-    DeviceError,
-    DeviceFault,
-    DeviceInfo,
-    JointCommand,
-    LinkLost,
-    NoState,
-    RobotState,
-    damping_command,
-)
+from core.clock import Clock
+from core.errors import InputError
+from hal.contract.backend import ClosesByDamping
+from hal.contract.dead_man import DeadMan
+from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost, NoState, RobotState
 from hal.wire.boards import Snapshot, StateBoard, is_complete
 from hal.wire.driver import DriverFactory
 from hal.wire.outbox import CommandBoard, Kind
 from hal.wire.process import WireSetup
 from hal.wire.ring import SharedMemory
-from robot.errors import InputError
 from robot.robot import Robot
+from world.actuation import JointCommand, damping_command
 
 LINK_TIMEOUT_S = 0.1
 OPEN_LIMIT_S = 60.0

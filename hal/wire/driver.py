@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from hal.types import DeviceInfo
+from hal.contract.types import DeviceInfo
 from hal.wire.boards import StateBoard
 from hal.wire.outbox import Outbox
 from robot.robot import Robot

@@ -4,9 +4,9 @@ import threading
 import time
 from typing import Any
 
-from hal.clock import Clock
+from core.clock import Clock
+from hal.contract.types import DeviceError
 from hal.emulator.launch import Emulator
-from hal.types import DeviceError
 from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
 from hal.wire.driver import DriverFactory
 from robot.robot import Robot

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hal.dead_man import DeadMan
-from hal.types import JointCommand, damping_command
+from hal.contract.dead_man import DeadMan
 from hal.wire.ring import Ring
+from world.actuation import JointCommand, damping_command
 
 FIELDS = ("q_rad", "dq_rad_s", "kp", "kd", "tau_nm")
 

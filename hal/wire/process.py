@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hal import realtime
-from hal.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
+from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
 from hal.wire.boards import StateBoard
 from hal.wire.cycles import CycleThread
 from hal.wire.driver import Cycle, Driver, DriverFactory

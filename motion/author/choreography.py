@@ -24,7 +24,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from robot.errors import InputError
+from core.errors import InputError
 
 FOOT = ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad")
 ARM = ("x_m", "y_m", "z_m", "swivel_rad")

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from core.arguments import ArgumentParser, path_argument
+from core.errors import InputError
 from motion.author.choreography import GROUPS, load_choreography
 from motion.author.solver import solve_frames
 from motion.author.stand import SIDES, StandPose, stand_pose
 from motion.author.targets import body_targets, corrected
 from motion.clip import Clip, save_clip
-from robot.arguments import ArgumentParser, path_argument
-from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,10 +6,10 @@ import mink
 import mujoco
 import numpy as np
 
+from core.errors import InputError
 from motion.author.choreography import Choreography
 from motion.author.stand import SIDES, TORSO_BODY, StandPose
 from motion.author.targets import Targets
-from robot.errors import InputError
 from robot.robot import Robot
 
 WAIST_JOINTS = ("waist_yaw_joint", "waist_roll_joint", "waist_pitch_joint")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robot.mjcf import compile_model
 from robot.robot import Robot
+from world.model import compile_model
 
 SIDES = ("left", "right")
 TORSO_BODY = "torso_link"

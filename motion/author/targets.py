@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from core.errors import InputError
+from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 from motion.author.balance import com_from_zmp, pressure_point, settling
 from motion.author.choreography import FOOT, GROUPS, Choreography, Knot
 from motion.author.spline import minimum_jerk
 from motion.author.stand import SIDES, StandPose
-from robot.errors import InputError
-from robot.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 
 LIFT_SHARE = 0.15  # part of a step during which a foot next to the ground only rises or sinks
 CONTACT_HEIGHT_M = 0.002

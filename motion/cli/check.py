@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from core.arguments import ArgumentParser, positive_argument
+from core.errors import InputError
 from motion.cli.guard import BAD_INPUT_CODE, NOT_TRACKABLE_CODE, guarded
 from motion.cli.text_table import text_table
 from motion.filter import Verdict, judge
@@ -14,8 +16,6 @@ from motion.report.page import FIGURES, figure_text
 from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures
 from motion.report.trace import trace_clip
 from motion.report.warnings import warnings_of
-from robot.arguments import ArgumentParser, positive_argument
-from robot.errors import InputError
 from robot.robot import Robot, load_robot
 
 

@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from core.errors import InputError
 from motion.report.record import CREATED_BY
-from robot.errors import InputError
 
 REPORT_JSON, REPORT_HTML = "report.json", "report.html"
 MAX_REPORT_BYTES = 64 * 2**20

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 
-from robot.errors import InputError
+from core.errors import InputError
 
 NOT_TRACKABLE_CODE, BAD_INPUT_CODE = 1, 2
 

@@ -4,12 +4,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from core.arguments import ArgumentParser
+from core.errors import InputError
 from motion.cli.guard import BAD_INPUT_CODE, guarded
 from motion.cli.text_table import text_table
 from motion.clip import Clip, load_clip
 from motion.library import CLIPS
-from robot.arguments import ArgumentParser
-from robot.errors import InputError
 
 LOCAL = Path("motions")
 HEADS = ("clip", "seconds", "fps", "joints", "licence", "source")

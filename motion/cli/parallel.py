@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from robot.processes import end_with_parent, one_thread_each
+from core.processes import end_with_parent, one_thread_each
 
 Job = TypeVar("Job")
 

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from core.arguments import ArgumentParser, number_argument, path_argument, positive_argument, positive_count_argument
+from core.errors import InputError
+from core.processes import available_cores
 from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
 from motion.cli.guard import NOT_TRACKABLE_CODE, guarded
 from motion.cli.parallel import run_all
@@ -14,15 +17,6 @@ from motion.human.placing import UPRIGHT_WXYZ
 from motion.pipeline import Request, process
 from motion.report.page import report_page
 from motion.report.record import TRACKABLE, document, json_text
-from robot.arguments import (
-    ArgumentParser,
-    number_argument,
-    path_argument,
-    positive_argument,
-    positive_count_argument,
-)
-from robot.errors import InputError
-from robot.processes import available_cores
 
 DEFAULT_FOLDER = Path("motions")
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from core.arguments import ArgumentParser, path_argument, positive_argument
+from core.files import check_output_kind
 from motion.cli.guard import guarded
 from motion.cli.serving import serve
 from motion.clip import Clip
@@ -13,8 +15,6 @@ from motion.library import open_motion
 from motion.report import figures
 from motion.report.film import film
 from motion.report.trace import trace_clip
-from robot.arguments import ArgumentParser, path_argument, positive_argument
-from robot.outputs import check_output_kind
 from robot.robot import Robot, load_robot
 from view import page as part
 

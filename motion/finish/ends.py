@@ -2,6 +2,17 @@
 
 import numpy as np
 
+from core.rotations import (
+    normalize,
+    projected_gravity,
+    quat_align_sign,
+    quat_conjugate,
+    quat_from_axis_angle,
+    quat_mul,
+    quat_rotate,
+    quat_slerp,
+    yaw_of,
+)
 from motion.clip import Clip
 from motion.finish.frames import (
     UNKNOWN_CONTACT,
@@ -16,17 +27,6 @@ from motion.finish.frames import (
 from motion.finish.settings import FinishSettings
 from motion.settings import read_section
 from robot.robot import Robot
-from robot.rotations import (
-    normalize,
-    projected_gravity,
-    quat_align_sign,
-    quat_conjugate,
-    quat_from_axis_angle,
-    quat_mul,
-    quat_rotate,
-    quat_slerp,
-    yaw_of,
-)
 
 _UP = np.array([0.0, 0.0, 1.0])
 

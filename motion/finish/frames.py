@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.feet import lowest_sole_m, sole_points_w
 from motion.reference import joint_columns
-from robot.errors import InputError
-from robot.kinematics import BodyState, Kinematics
+from robot.kinematics import BodyState
 from robot.robot import Robot
 
 UNKNOWN_CONTACT = 0.5  # as PBHC marks its blends: neither standing nor not
@@ -34,7 +34,7 @@ class Body:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._kinematics = Kinematics(robot)
+        self._kinematics = robot.kinematics
         self._feet = robot.tracked_index(robot.feet)
 
     def foot_quat_wxyz(self, frames: Frames) -> np.ndarray:

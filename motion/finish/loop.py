@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import normalize, quat_from_axis_angle, quat_mul, quat_rotate, quat_slerp, yaw_of
 from motion.clip import Clip
 from motion.finish.frames import (
     UNKNOWN_CONTACT,
@@ -17,9 +19,7 @@ from motion.finish.frames import (
 )
 from motion.finish.settings import FinishSettings
 from motion.settings import read_section
-from robot.errors import InputError
 from robot.robot import Robot
-from robot.rotations import normalize, quat_from_axis_angle, quat_mul, quat_rotate, quat_slerp, yaw_of
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLAT = np.array([1.0, 1.0, 0.0])

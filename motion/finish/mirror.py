@@ -5,10 +5,9 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.reference import joint_columns
-from robot.errors import InputError
-from robot.mjcf import build_spec
 from robot.robot import Robot
 
 _ACROSS = np.array([1.0, -1.0, 1.0])
@@ -66,7 +65,7 @@ def _partner(name: str, robot: Robot) -> int:
 
 def _joints_at_zero(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Axes and anchors (J,3) of the joints in the root's frame, all joints at 0."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     data.qpos[3] = 1.0

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import quat_rotate
 from motion.human.motion import ANKLES, JOINTS, PARENTS
 from motion.human.skeleton import FEET, FROM_SMPL_WXYZ, MEAN_SKELETON, Skeleton
-from robot.errors import InputError
-from robot.rotations import quat_rotate
 
 # The pelvis of the neutral mean shapes in SMPL's axes: a translation moves the body about the origin of the mesh.
 _PELVIS_M = {"smplx": (0.0031, -0.3514, 0.0120)}

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import quat_conjugate, quat_mul
 from motion.frames import choose_fps
 from motion.human.bvh_file import Bvh, parse_bvh
 from motion.human.bvh_pose import bvh_pose, t_pose_values
@@ -14,8 +16,6 @@ from motion.human.placing import FileMotion
 from motion.human.skeleton import FEET
 from motion.human.skeleton_map import SkeletonMap, load_skeleton_map, recognised
 from motion.human.t_pose import BONES, TOE_SHARE, feet_of, t_pose_of
-from robot.errors import InputError
-from robot.rotations import quat_conjugate, quat_mul
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 LEG_M = (0.6, 1.1)  # hip to ankle of grown people, so narrow that no two units fit

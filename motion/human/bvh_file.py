@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from core.errors import InputError
 from motion.frames import MAX_FRAMES, check_frames
-from robot.errors import InputError
 
 MAX_JOINTS = 500
 MAX_BYTES = 64 * 2**20

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from core.rotations import normalize, quat_from_axis_angle, quat_mul, quat_rotate
 from motion.human.bvh_file import Bvh
 from motion.human.motion import JOINTS, PARENTS
 from motion.human.skeleton import MEAN_SKELETON
-from robot.rotations import normalize, quat_from_axis_angle, quat_mul, quat_rotate
 
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
+from core.errors import InputError
 from motion.human.motion import HumanMotion
 from motion.settings import read_section
-from robot.errors import InputError
 
 _MM = 1000.0
 

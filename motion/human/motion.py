@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot.errors import InputError
+from core.errors import InputError
 
 # The body joints of SMPL, in its order; each but the first after its parent.
 JOINTS = (

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import normalize, quat_conjugate, quat_mul, quat_rotate
 from motion.clip import MAX_ROOT_M
 from motion.human.motion import ANKLES, JOINTS, HumanMotion
 from motion.human.skeleton import FROM_SMPL_WXYZ, soles_w
-from robot.errors import InputError
-from robot.rotations import normalize, quat_conjugate, quat_mul, quat_rotate
 
 _HALF = np.sqrt(0.5)
 # Rotations that turn the axis of that name up.

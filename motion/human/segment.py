@@ -5,9 +5,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.human.motion import HumanMotion
-from robot.errors import InputError
 
 _ARRAYS = {
     HumanMotion: ("pos_w", "quat_wxyz", "sole_w"),

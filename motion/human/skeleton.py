@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.rotations import normalize, quat_mul, quat_rotate
 from motion.human.motion import ANKLES, JOINTS, PARENTS
-from robot.rotations import normalize, quat_mul, quat_rotate
 
 FEET = (JOINTS.index("left_foot"), JOINTS.index("right_foot"))
 # Turns SMPL's axes (x left, y up, z forward) into those of a HumanMotion (x forward, y left, z up).

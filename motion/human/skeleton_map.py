@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from core.errors import InputError
 from motion.human.motion import JOINTS
 from robot.description import check_keys, finite_number, read_yaml
-from robot.errors import InputError
 
 SKELETONS = Path(__file__).resolve().parents[2] / "configs" / "motion" / "skeletons"
 OPTIONAL = frozenset({"spine1", "spine2", "spine3", "left_collar", "right_collar", "head"})

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import quat_conjugate, quat_from_rotvec, quat_mul, quat_rotate
 from motion.frames import MAX_FRAMES, check_frames, choose_fps
 from motion.human.body_model import body_of
 from motion.human.motion import ANKLES, JOINTS
 from motion.human.placing import FileMotion
 from motion.human.skeleton import FEET, FROM_SMPL_WXYZ, posed
-from robot.errors import InputError
-from robot.rotations import quat_conjugate, quat_from_rotvec, quat_mul, quat_rotate
 
 RATES = ("mocap_framerate", "mocap_frame_rate")
 AMASS_FIELDS = frozenset({"poses", "trans", "betas", "gender", "surface_model_type", *RATES})

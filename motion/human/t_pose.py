@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import cross, normalize, quat_from_axis_angle, quat_mul, quat_rotate, quat_rotate_inverse
 from motion.human.motion import ANKLES, JOINTS
 from motion.human.skeleton import FEET, MEAN_SKELETON
-from robot.errors import InputError
-from robot.rotations import cross, normalize, quat_from_axis_angle, quat_mul, quat_rotate, quat_rotate_inverse
 
 # Bones whose direction in the T-pose is known, by the joint they begin at and the one they lead to.
 BONES = tuple(

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.frames import MAX_FRAMES, check_frames
 from motion.importers.g1_joints import JOINTS_23, JOINTS_29
 from motion.importers.ground import on_the_ground
 from motion.importers.pbhc_pkl import wxyz_of_xyzw
-from robot.errors import InputError
 from robot.robot import Robot
 
 DEFAULT_FPS = 60.0

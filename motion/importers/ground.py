@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.contact import ContactSettings, contact_of
 from motion.feet import flat_middle_w, sole_points_w
@@ -11,8 +12,6 @@ from motion.physics_checks import NEAR_GROUND_M
 from motion.reference import joint_columns
 from motion.settings import read_section
 from motion.track import difference
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 MAX_GROUND_M = 10.0
@@ -25,7 +24,7 @@ def on_the_ground(clip: Clip, robot: Robot, where: str) -> Clip:
     Raises InputError when the joints are not the robot's, or the ground is so far off that the unit must be wrong.
     """
     joint_pos_rad = clip.joint_pos_rad[:, joint_columns(clip, robot, where)]
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos_rad)
     settings = read_section(ContactSettings, "contact")
     ground = ground_m(sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz), clip.fps, settings)
     if abs(ground) > MAX_GROUND_M:

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.frames import check_frames, choose_fps
 from motion.importers.g1_joints import JOINTS_23, JOINTS_29, by_depth, link_names
 from motion.importers.ground import on_the_ground
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 FIELDS = frozenset({"fps", "joint_pos", "body_pos_w", "body_quat_w"})
@@ -86,7 +85,7 @@ def _body_error_m(clip: Clip, bodies: tuple[str, ...], body_pos_w: np.ndarray, r
     """Mean distance of the file's `bodies` (their names) from where forward kinematics puts them, over a few frames."""
     frames = np.unique(np.linspace(0, clip.num_frames - 1, CHECKED_FRAMES).astype(int))
     joints = clip.joint_pos_rad[frames][:, robot.joint_index(clip.joint_names)]
-    state = Kinematics(robot).forward(clip.root_pos_w[frames], clip.root_quat_wxyz[frames], joints)
+    state = robot.kinematics.forward(clip.root_pos_w[frames], clip.root_quat_wxyz[frames], joints)
     shared = [name for name in bodies if name in robot.body_names]
     ours = state.pos_w[:, robot.tracked_index(shared)]
     theirs = body_pos_w[frames][:, [bodies.index(name) for name in shared]]

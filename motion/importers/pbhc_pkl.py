@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.importers.g1_joints import JOINTS_23
 from motion.importers.pickle_data import read_data_pickle
-from robot.errors import InputError
 
 JOINT_NAMES = JOINTS_23
 _WIDTHS = {"root_trans_offset": 3, "root_rot": 4, "dof": len(JOINT_NAMES), "contact_mask": 2}

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from robot.errors import InputError
+from core.errors import InputError
 
 _OPCODES = {opcode.code: opcode for opcode in pickletools.opcodes}
 _MARK = object()

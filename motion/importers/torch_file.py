@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from core.errors import InputError
 from motion.importers.pickle_data import size_of
 from motion.importers.pickle_machine import Named, Refused, Vocabulary, run_pickle
 from motion.npz import zip_members
-from robot.errors import InputError
 
 STORAGES = {
     "torch.DoubleStorage": "f8",

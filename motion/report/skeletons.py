@@ -13,7 +13,6 @@ from motion.clip import Clip
 from motion.human.motion import JOINTS, PARENTS, HumanMotion
 from motion.report.figures import png_of
 from motion.report.trace import trace_clip
-from robot.mjcf import build_spec
 from robot.robot import Robot
 
 INSTANTS = 6
@@ -37,7 +36,7 @@ def skeleton_of(motion: HumanMotion | Clip, robot: Robot) -> Skeleton:
     """The 22 joints of a person, or the tracked points of `robot`, through all frames."""
     if isinstance(motion, HumanMotion):
         return Skeleton(motion.fps, motion.pos_w, PARENTS, JOINTS)
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     above = [int(parent) - 1 for parent in model.body_parentid[1:]]
     above += robot.body_index([point.parent for point in robot.points]).tolist()
     return Skeleton(motion.fps, trace_clip(motion, robot).body_pos_w, above, robot.tracked_names)

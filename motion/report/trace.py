@@ -9,10 +9,9 @@ from motion.clip import Clip
 from motion.feet import sole_points_w
 from motion.physics_checks import foot_slides_m, phases, position_violations, speed_violations
 from motion.reference import joint_columns
-from robot.kinematics import Kinematics
-from robot.mjcf import build_spec
 from robot.robot import Robot
-from robot.scene import FLOOR_GEOM
+from world.model import build_spec
+from world.scene import FLOOR_GEOM
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Trace:
 def trace_clip(clip: Clip, robot: Robot) -> Trace:
     """Follow `clip` on `robot`. Raises InputError when the joints do not match."""
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     soles = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
     qpos = np.concatenate([clip.root_pos_w, clip.root_quat_wxyz, joint_pos], axis=1)
     return Trace(

@@ -7,8 +7,8 @@ joints.
 import mujoco
 import numpy as np
 
-from robot.mjcf import build_spec
 from robot.robot import Robot
+from world.model import build_spec
 
 ROOT_DOFS = 6
 # (p @ _CROSS) @ a = a x p

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.rotations import quat_conjugate, quat_mul, quat_to_rotvec
 from motion.clip import Clip
 from motion.feet import lowest_sole_m
 from motion.human.correct import CorrectSettings, height_offset_m
@@ -12,10 +13,8 @@ from motion.retarget.feet import plan_feet, sole_middles
 from motion.retarget.settings import RetargetSettings
 from motion.retarget.solver import FrameSolver, Layout, Targets
 from motion.settings import read_section
-from robot.kinematics import Kinematics
-from robot.mjcf import build_spec
-from robot.robot import Robot, TrackedPoint
-from robot.rotations import quat_conjugate, quat_mul, quat_to_rotvec
+from robot.kinematics import TrackedPoint
+from robot.robot import Robot
 
 CREATED_BY = "kata motion/retarget, cleaned"
 
@@ -57,7 +56,7 @@ def _targets(
     clip: Clip, joint_pos_rad: np.ndarray, legs: np.ndarray, robot: Robot, settings: RetargetSettings
 ) -> Targets:
     """The clip's own root at the height of Eq. 3, standing feet in their place, its own joints (N,J); legs (J,)."""
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos_rad)
     lowest, standing = lowest_sole_m(robot, bodies.pos_w, bodies.quat_wxyz), clip.contact.max(axis=1) > 0.5
     drop = np.zeros((clip.num_frames, 3))
     if standing.any():
@@ -94,7 +93,7 @@ def largest_change(before: Clip, after: Clip, robot: Robot) -> Change:
 
 def leg_joints(robot: Robot) -> np.ndarray:
     """(J,) True for the joints between the root and a foot."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     legs = set()
     for foot in robot.feet:
         body = model.body(foot).id

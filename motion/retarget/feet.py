@@ -6,18 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from core.rotations import quat_conjugate, quat_from_rotvec, quat_mul, quat_rotate, quat_to_rotvec, yaw_of, yaw_quat
 from motion.physics_checks import bridged, phases
 from motion.retarget.settings import FeetSettings
-from robot.robot import Robot, TrackedPoint
-from robot.rotations import (
-    quat_conjugate,
-    quat_from_rotvec,
-    quat_mul,
-    quat_rotate,
-    quat_to_rotvec,
-    yaw_of,
-    yaw_quat,
-)
+from robot.kinematics import TrackedPoint
+from robot.robot import Robot
 
 SMALL_SHIFT_M = 0.01  # feet that both shift less count alike
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.human.motion import JOINTS, HumanMotion
 from motion.retarget.feet import plan_feet, sole_middles
@@ -17,8 +18,8 @@ from motion.retarget.shape import (
     turned,
 )
 from motion.retarget.solver import FrameSolver, Layout, Targets
-from robot.errors import InputError
-from robot.robot import Robot, TrackedPoint
+from robot.kinematics import TrackedPoint
+from robot.robot import Robot
 
 CREATED_BY = "kata motion/retarget"
 

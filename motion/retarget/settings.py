@@ -6,9 +6,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from core.errors import InputError
 from motion.human.motion import JOINTS
 from robot.description import check_keys, finite_number, known_name, read_yaml
-from robot.errors import InputError
 from robot.robot import Robot
 
 SETTINGS = Path(__file__).resolve().parents[2] / "configs" / "motion" / "retarget"

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.errors import InputError
+from core.rotations import quat_mul, quat_rotate, quat_rotate_inverse, yaw_quat
 from motion.human.motion import ANKLES, JOINTS, HumanMotion
 from motion.retarget.settings import SIDES, RetargetSettings
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from robot.robot import Robot
-from robot.rotations import quat_mul, quat_rotate, quat_rotate_inverse, yaw_quat
 
 MIN_SIZE_M = 1e-3
 
@@ -39,7 +38,7 @@ class HumanShape:
 
 def robot_shape(robot: Robot, settings: RetargetSettings) -> RobotShape:
     """Sizes of `robot`. Raises InputError when a leg or a mapped segment has no length."""
-    body = Kinematics(robot).forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), settings.t_pose_rad)
+    body = robot.kinematics.forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), settings.t_pose_rad)
     place = dict(zip(robot.tracked_names, body.pos_w, strict=True))
     legs = [np.array([place[name] for name in leg]) for leg in settings.legs]
     left, right = (leg[0] for leg in legs)

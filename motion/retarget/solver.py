@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
+from core.rotations import quat_conjugate, quat_mul, quat_to_rotvec
 from motion.retarget.body import ROOT_DOFS, Body
 from motion.retarget.settings import SolverSettings
-from robot.robot import Robot, TrackedPoint
-from robot.rotations import quat_conjugate, quat_mul, quat_to_rotvec
+from robot.kinematics import TrackedPoint
+from robot.robot import Robot
 
 SOFT = 8  # daqp: may be violated if necessary
 DEPTH_WEIGHT = 1e4  # of the squared violation of a distance [m], when two poses are compared

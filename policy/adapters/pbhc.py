@@ -16,9 +16,9 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from core.errors import InputError
 from policy.observation import check_terms
 from policy.spec import MAX_LAG, ActorSpec, ObservationGroup, ObservationTerm
-from robot.errors import InputError
 
 
 def read_spec(config_path: Path, input_names: Sequence[str], robot_name: str) -> ActorSpec:

@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
+from core.clock import SimulatedClock
+from core.errors import InputError
 from deploy.actors import load_run
 from deploy.episode import Scene, Start, run_episode
-from hal.clock import SimulatedClock
 from hal.open import open_backend
 from motion.metrics import METRIC_KEYS
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from tests.deploy.toys import ROBOT, SETTINGS, linear_run, write_standing_actor
 from tests.shared_data import SHARED, needs_shared_data
 
-KINEMATICS = Kinematics(ROBOT)
+KINEMATICS = ROBOT.kinematics
 
 
 def scene(backend, clock, actor, **options):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from core.clock import SimulatedClock
+from core.errors import InputError
 from deploy.actors import load_run
 from deploy.episode import place_at_reference
 from deploy.log import CHANNELS, McapLog
@@ -15,9 +17,7 @@ from deploy.safety.guard import Guard
 from deploy.sequence import OnlyTheClip
 from deploy.states import StateMachine
 from deploy.tick import Tick
-from hal.clock import SimulatedClock
 from hal.open import open_backend
-from robot.errors import InputError
 from tests.deploy.toys import GRAVITY_X, KNEE, PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
 WEIGHTS = {(GRAVITY_X, "left_knee_joint"): 0.5, (6 + KNEE, "left_knee_joint"): 0.1, (2, "waist_yaw_joint"): 0.2}

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
+from core.clock import SimulatedClock
 from deploy.loop import Loop
 from deploy.safety.guard import Guard
 from deploy.sequence import BandRelease, OnlyTheClip, Unattended
 from deploy.states import Mode, Request, StateMachine
 from deploy.tick import Tick
-from hal.clock import SimulatedClock
+from hal.contract.types import DeviceFault, LinkLost, NoState
 from hal.open import open_backend
-from hal.types import DeviceFault, LinkLost, NoState
 from tests.deploy.toys import KNEE, PERIOD_S, ROBOT, SETTINGS, Asked, FakeBackend, linear_run, state, with_joint
 
 FAST = replace(

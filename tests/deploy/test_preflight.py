@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.clock import SimulatedClock
 from deploy.preflight import Refused, require, run_preflight, table
-from hal.clock import SimulatedClock
-from hal.types import LinkLost, NoState
+from hal.contract.types import LinkLost, NoState
 from tests.deploy.toys import KNEE, ROBOT, SETTINGS, FakeBackend, linear_run, state, tilted, with_joint
 
 

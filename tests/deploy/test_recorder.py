@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
+from core.rotations import yaw_of
 from deploy.recorder import Performance, Recorder, align_heading
 from deploy.safety.guard import Guard
 from deploy.states import Mode, StateMachine
 from deploy.tick import Tick
-from hal.types import TrueState
 from motion.metrics import METRIC_KEYS
-from robot.kinematics import Kinematics
-from robot.rotations import yaw_of
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
+from world.plant import TrueState
 
-KINEMATICS = Kinematics(ROBOT)
+KINEMATICS = ROBOT.kinematics
 
 
 def turned(yaw: float) -> np.ndarray:

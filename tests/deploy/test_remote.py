@@ -5,9 +5,9 @@ import struct
 
 import pytest
 
+from core.errors import InputError
 from deploy.remote import Gamepad, RemoteButtons
 from deploy.states import ALLOWED, Mode, Request
-from robot.errors import InputError
 
 
 class Heard:

@@ -9,7 +9,7 @@ import pytest
 
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Wish, make_sample, tilt_rad
-from hal.types import DeviceFault, LinkLost
+from hal.contract.types import DeviceFault, LinkLost
 from tests.deploy.toys import JOINTS, KNEE, PERIOD_S, ROBOT, SETTINGS, state, tilted, with_joint
 
 ROOT = Path(__file__).resolve().parents[2]

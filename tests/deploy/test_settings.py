@@ -3,9 +3,9 @@
 import pytest
 from omegaconf import OmegaConf
 
+from core.config import CONFIGS
+from core.errors import InputError
 from deploy.settings import load_settings
-from hal.options import CONFIGS
-from robot.errors import InputError
 
 DEFAULT = OmegaConf.load(CONFIGS / "deploy" / "default.yaml")
 

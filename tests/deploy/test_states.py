@@ -9,7 +9,7 @@ import pytest
 from deploy.safety.guard import Guard
 from deploy.states import ALLOWED, Mode, Request, StateMachine
 from deploy.tick import Tick
-from hal.types import LinkLost
+from hal.contract.types import LinkLost
 from tests.deploy.toys import (
     GRAVITY_Z,
     JOINTS,

@@ -7,11 +7,11 @@ import yaml
 
 import deploy.session
 import hal.open
+from core.config import config_file
+from core.errors import InputError
 from deploy.cli import main
 from deploy.dry_run import DryRunRecord, require_records
 from deploy.options import RunOptions
-from hal.options import config_file
-from robot.errors import InputError
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import read_journal
 

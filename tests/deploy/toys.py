@@ -7,17 +7,16 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper
 
+from core.clock import SimulatedClock
+from core.rotations import quat_rotate
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.settings import load_settings
-from hal.clock import SimulatedClock
-from hal.types import DeviceInfo, RobotState
+from hal.contract.types import DeviceInfo, RobotState
 from motion.clip import Clip, clip_to_bytes
 from policy.metadata import write_metadata
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
-from robot.kinematics import Kinematics
 from robot.robot import load_robot
-from robot.rotations import quat_rotate
 
 ROBOT = load_robot()
 SETTINGS = load_settings()
@@ -40,7 +39,7 @@ PHASE = SIZE - 1
 
 def _standing_height_m() -> float:
     """Root height at which the soles of the default pose touch the ground."""
-    bodies = Kinematics(ROBOT).forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.default_pos_rad)
+    bodies = ROBOT.kinematics.forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.default_pos_rad)
     soles = [
         bodies.pos_w[foot] + quat_rotate(bodies.quat_wxyz[foot], ROBOT.sole_points_m[name])
         for name, foot in zip(ROBOT.feet, ROBOT.tracked_index(ROBOT.feet))

@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from hal.backend import Backend
-from hal.clock import SimulatedClock
-from hal.faults import Fault
-from hal.mock import MockBackend, MockOptions
-from hal.mujoco import MujocoBackend
-from hal.options import config_file, load_options
-from hal.sim_options import SimOptions, load_sim_options
-from hal.types import JointCommand, RobotState
+from core.clock import SimulatedClock
+from core.config import config_file, load_options
+from hal.contract.backend import Backend
+from hal.contract.types import RobotState
+from hal.simulated.faults import Fault
+from hal.simulated.mock import MockBackend, MockOptions
+from hal.simulated.mujoco import MujocoBackend
 from robot.robot import Robot, load_robot
+from world.actuation import JointCommand
+from world.options import SimOptions, load_sim_options
 
 PERIOD_S = 0.02
 G1 = load_robot()

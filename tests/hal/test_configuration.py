@@ -5,17 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from hal.clock import SimulatedClock
-from hal.mock import MockBackend, MockOptions
-from hal.mujoco import MujocoBackend
+from core.clock import SimulatedClock
+from core.config import CONFIGS, config_file, from_mapping, load_options
+from core.errors import InputError
 from hal.open import BACKENDS, WIRES, open_backend
-from hal.options import CONFIGS, config_file, from_mapping, load_options
-from hal.sim_options import load_sim_options
+from hal.simulated.mock import MockBackend, MockOptions
+from hal.simulated.mujoco import MujocoBackend
 from hal.wire.backend import WireBackend
-from robot.errors import InputError
 from tests.hal.rigs import G1
+from world.options import load_sim_options
 
-DEFAULT = (CONFIGS / "sim" / "default.yaml").read_text(encoding="utf-8")
+DEFAULT = (CONFIGS / "world" / "default.yaml").read_text(encoding="utf-8")
 
 
 def test_bundled_simulations() -> None:

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from hal.joint_map import JointMap
-from hal.types import DeviceFault, JointCommand
-from robot.errors import InputError
+from core.errors import InputError
+from hal.contract.joint_map import JointMap
+from hal.contract.types import DeviceFault
+from world.actuation import JointCommand
 
 # Motor 1 turns with its joint through 2:1; motor 2 against it, one to one, its zero at 0.5.
 TWO = JointMap.of(["a", "b"], [1, -1], [0.0, 0.5], [2.0, 1.0])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hal.faults import KINDS, Fault
-from hal.types import LinkLost, NoState, RobotState
-from robot.errors import InputError
-from robot.rotations import projected_gravity
+from core.errors import InputError
+from core.rotations import projected_gravity
+from hal.contract.types import LinkLost, NoState, RobotState
+from hal.simulated.faults import KINDS, Fault
 from tests.hal.rigs import G1, PERIOD_S, UPRIGHT, hold, mock, pass_time, run
 
 KNEE = "left_knee_joint"

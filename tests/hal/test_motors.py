@@ -4,14 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.clock import SimulatedClock
-from hal.mujoco import MujocoBackend
-from hal.types import JointCommand, NoState
-from robot.mjcf import compile_model
+from core.clock import SimulatedClock
+from hal.contract.types import NoState
+from hal.simulated.mujoco import MujocoBackend
 from robot.robot import Robot
 from tests.hal.rigs import G1, PERIOD_S, UPRIGHT, hold, mujoco_backend, pass_time, sim_options
 from tests.robot.toy import load_toy
 from tests.shared_data import SHARED, needs_shared_data
+from world.actuation import JointCommand
+from world.model import compile_model
 
 
 def commands(robot: Robot, count: int) -> list[JointCommand]:

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from hal.clock import MonotonicClock, SimulatedClock
-from hal.dead_man import DeadMan
+from core.clock import MonotonicClock, SimulatedClock
+from hal.contract.dead_man import DeadMan
 
 
 def test_simulated_time_passes_only_by_sleeping() -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from core.rotations import quat_mul, quat_rotate
 from motion.human.motion import JOINTS, HumanMotion
-from robot.rotations import quat_mul, quat_rotate
 
 STATURE_M = 1.75
 _MIDDLE = {"pelvis": 0.55, "spine1": 0.61, "spine2": 0.69, "spine3": 0.73, "neck": 0.83, "head": 0.88}

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from motion.importers.g1_joints import JOINTS_29
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 _ISAAC = """left_hip_pitch right_hip_pitch waist_yaw left_hip_roll right_hip_roll waist_roll left_hip_yaw right_hip_yaw
@@ -23,7 +22,7 @@ def mjlab_arrays(robot: Robot, order: tuple[str, ...] = JOINTS_29, num_frames: i
     angle = {name: rng.uniform(-0.3, 0.3, num_frames) for name in sorted(order)}
     root = np.tile([0.5, 0.2, 0.8], (num_frames, 1))
     quat = np.tile([0.8, 0.0, 0.0, 0.6], (num_frames, 1))
-    state = Kinematics(robot).forward(root, quat, np.stack([angle[name] for name in robot.joint_names], axis=1))
+    state = robot.kinematics.forward(root, quat, np.stack([angle[name] for name in robot.joint_names], axis=1))
     bodies = ["pelvis", *("torso_link" if j == "waist_pitch_joint" else j.replace("_joint", "_link") for j in order)]
     pos, turn = np.zeros((num_frames, len(bodies), 3)), np.tile([1.0, 0, 0, 0], (num_frames, len(bodies), 1))
     for i, body in enumerate(bodies):

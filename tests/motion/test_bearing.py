@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from motion.bearing import BearingShapes
-from robot.kinematics import Kinematics
-from robot.mjcf import build_spec
 from tests.robot.toy import load_toy
 
 
@@ -28,9 +26,9 @@ def lowest_by_mujoco(model, data, geom: int) -> float:
 
 def test_the_lowest_points_are_mujocos(any_robot):
     rng = np.random.default_rng(0)
-    model = build_spec(any_robot, floor=False).compile()
+    model = any_robot.model
     data = mujoco.MjData(model)
-    kinematics, shapes = Kinematics(any_robot), BearingShapes(any_robot)
+    kinematics, shapes = any_robot.kinematics, BearingShapes(any_robot)
     colliding = [
         geom
         for geom in range(model.ngeom)

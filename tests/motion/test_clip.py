@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import Clip, clip_from_bytes, clip_to_bytes, load_clip, save_clip
-from robot.errors import InputError
 
 REFUSED = {
     "fps zero": ("fps", 0.0, "fps"),

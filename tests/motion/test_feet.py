@@ -4,19 +4,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle, quat_rotate
 from motion.feet import contact_mask, flat_middle_w, lowest_sole_m, sole_points_w
-from robot.kinematics import Kinematics
-from robot.mjcf import build_spec
-from robot.rotations import quat_from_axis_angle, quat_rotate
 
 
 def bodies_of(robot, root_height_m: float = 0.8, tilt_rad: float = 0.0):
     quat = np.array([[np.cos(tilt_rad / 2), np.sin(tilt_rad / 2), 0.0, 0.0]])
-    return Kinematics(robot).forward(np.array([[0.3, -0.2, root_height_m]]), quat, robot.default_pos_rad[None])
+    return robot.kinematics.forward(np.array([[0.3, -0.2, root_height_m]]), quat, robot.default_pos_rad[None])
 
 
 def test_sole_points_are_where_mujoco_puts_them(robot):
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     data.qpos[:] = [0.3, -0.2, 0.8, np.cos(0.1), np.sin(0.1), 0.0, 0.0, *robot.default_pos_rad]
     mujoco.mj_kinematics(model, data)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 from motion.contact import contact_of
 from motion.filter import judge
 from motion.human.correct import correct_height
 from motion.library import bundled_names, open_motion
 from motion.read import read_motion
 from motion.resample import resample
-from robot.errors import InputError
-from robot.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 from tests.motion.figure import SOLE_MIDDLE_M, moved, standing_figure, turned
 from tests.shared_data import SHARED, needs_shared_data
 

@@ -8,8 +8,8 @@ import zipfile
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import Clip, clip_from_bytes, clip_to_bytes, load_clip
-from robot.errors import InputError
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.contact import contact_of
 from motion.feet import lowest_sole_m
 from motion.importers.csv_joints import read_csv_joints
@@ -13,8 +14,6 @@ from motion.importers.pbhc_pkl import JOINT_NAMES as PBHC_JOINTS
 from motion.importers.pbhc_pkl import read_pbhc
 from motion.importers.pickle_data import read_data_pickle
 from motion.reference import joint_columns
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from tests.shared_data import SHARED, needs_shared_data
 
 PBHC_FILES = {"Horse-stance_pose.pkl": 210, "Charleston_dance.pkl": 610, "Roundhouse_kick.pkl": 158}
@@ -102,7 +101,7 @@ def test_released_motions(robot, name, frames):
     assert set(np.unique(clip.contact)) == {0.0, 0.5, 1.0}
     joints = clip.joint_pos_rad[:, joint_columns(clip, robot)]
     assert np.all((joints >= robot.pos_lower_rad - 1e-3) & (joints <= robot.pos_upper_rad + 1e-3))
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joints)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joints)
     feet = bodies.pos_w[:, robot.tracked_index(robot.feet)]
     own = contact_of((clip, robot))
     assert (np.abs(own - clip.contact) <= 0.5).mean() > 0.92
@@ -170,7 +169,7 @@ def test_csv_stands_on_the_ground(robot):
         rows[:, 2], rows[:, 7:] = height, 0.0
         rows[2, 2] += 0.05
         clip = read_csv_joints(csv_bytes(rows), "a.csv", robot, fps=30.0)
-        bodies = Kinematics(robot).forward(
+        bodies = robot.kinematics.forward(
             clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad[:, joint_columns(clip, robot)]
         )
         lowest = lowest_sole_m(robot, bodies.pos_w, bodies.quat_wxyz)
@@ -211,7 +210,7 @@ def test_mocap_files(robot, name, frames):
     clip = read_csv_joints((SHARED / "g1moves" / name).read_bytes(), name, robot)
     assert (clip.num_frames, clip.fps) == (frames, 60.0)
     joints = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joints)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joints)
     lowest = lowest_sole_m(robot, bodies.pos_w, bodies.quat_wxyz)
     assert -0.035 < lowest.min() < -0.01 and abs(np.median(lowest)) < 0.02
     assert 0.75 < clip.contact.mean() <= 1.0

@@ -5,10 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion import library
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import bundled_names, open_motion
-from robot.errors import InputError
 from tests.shared_data import SHARED, needs_shared_data
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.importers.g1_joints import JOINTS_23, JOINTS_29, by_depth
 from motion.importers.mjlab_npz import read_mjlab
-from robot.errors import InputError
 from tests.motion.robot_files import ISAAC_29, mjlab_arrays
 
 

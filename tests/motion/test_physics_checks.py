@@ -17,7 +17,6 @@ from motion.physics_checks import (
     self_collisions,
     speed_violations,
 )
-from robot.kinematics import Kinematics
 
 SQUARE = np.array([[-0.1, -0.05], [-0.1, 0.05], [0.1, -0.05], [0.1, 0.05]])
 
@@ -111,7 +110,7 @@ def test_limits_and_speeds(robot):
 
 
 def on_the_ground(clip, robot):
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
     return clip.root_pos_w - [0.0, 0.0, lowest_sole_m(robot, bodies.pos_w, bodies.quat_wxyz)[0]]
 
 

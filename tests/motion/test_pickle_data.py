@@ -10,8 +10,8 @@ import sys
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.importers.pickle_data import ALLOWED_GLOBALS, read_data_pickle
-from robot.errors import InputError
 
 
 @pytest.fixture

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import save_clip
 from motion.pipeline import Request, process
 from motion.reference import joint_columns
 from motion.report.record import TRACKABLE, figures
-from robot.errors import InputError
-from robot.kinematics import Kinematics
 from tests.shared_data import SHARED, needs_shared_data
 
 STEPS = ("read", "filter", "contact", "correct", "retarget", "finish")
@@ -34,7 +33,7 @@ def test_a_person_with_arms_to_the_sides_becomes_a_robot_with_arms_to_the_sides(
     assert record.verdict == TRACKABLE, record.reasons
     middle = record.clip.num_frames // 2
     joints = record.clip.joint_pos_rad[middle, joint_columns(record.clip, robot)]
-    state = Kinematics(robot).forward(record.clip.root_pos_w[middle], record.clip.root_quat_wxyz[middle], joints)
+    state = robot.kinematics.forward(record.clip.root_pos_w[middle], record.clip.root_quat_wxyz[middle], joints)
     at = dict(zip(robot.tracked_names, state.pos_w, strict=True))
     arm = at["left_hand_link"] - at["left_shoulder_roll_link"]
     assert arm[0] > 0.9 * np.linalg.norm(arm)  # who faces -y has the left arm along +x

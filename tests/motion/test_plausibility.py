@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle, quat_rotate
 from motion import plausibility
 from motion.plausibility import FilterSettings, outside_support_m, sole_lean_rad
 from motion.settings import read_section
 from motion.track import Track
-from robot.rotations import quat_from_axis_angle, quat_rotate
 
 SQUARE = np.array([[-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [0.1, 0.05, 0.0]])
 _LEFT = np.array([0.0, 0.1, 0.0])

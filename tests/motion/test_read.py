@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import Clip, clip_to_bytes
 from motion.formats import Format, format_of
 from motion.human.motion import HumanMotion
 from motion.human.skeleton_map import SKELETONS, load_skeleton_map
 from motion.library import open_motion
 from motion.read import read_motion
-from robot.errors import InputError
 from tests.motion.human.people import Rig, bvh_text, person
 from tests.motion.human.smpl_files import amass, gvhmr_table, torch_bytes
 from tests.motion.robot_files import mjlab_arrays, npz_bytes

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.library import open_motion
 from motion.reference import build_reference
-from robot.errors import InputError
 from tests.shared_data import SHARED, needs_shared_data
 
 

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.resample import resample, sample_clip
-from robot.errors import InputError
 
 SPIN_W = np.array([0.3, -0.8, 1.1])  # rad/s
 

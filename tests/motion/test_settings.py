@@ -4,13 +4,13 @@ from dataclasses import dataclass, fields
 
 import pytest
 
+from core.errors import InputError
 from motion.contact import ContactSettings
 from motion.finish.settings import FinishSettings
 from motion.human.correct import CorrectSettings
 from motion.plausibility import FilterSettings
 from motion.report.warnings import WarningSettings
 from motion.settings import read_section
-from robot.errors import InputError
 
 
 @dataclass(frozen=True)

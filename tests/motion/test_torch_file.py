@@ -9,8 +9,8 @@ from collections import OrderedDict
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.importers.torch_file import read_torch
-from robot.errors import InputError
 from tests.motion.human.smpl_files import torch_bytes
 
 ARRAY = np.arange(12, dtype="<f4").reshape(3, 4)

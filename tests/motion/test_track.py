@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle
 from motion.library import open_motion
 from motion.track import difference, second_difference, track_clip, track_human, turn_rate
-from robot.mjcf import build_spec
-from robot.rotations import quat_from_axis_angle
 from tests.motion.figure import moved, standing_figure
 
 RATES = [24.0, 30.0, 50.0, 120.0]
@@ -51,7 +50,7 @@ def test_the_shortest_motions_are_one_span(count):
 def test_a_robots_centre_of_mass_is_mujocos(robot):
     clip = open_motion("charleston", robot)
     track = track_clip(clip, robot, 1.0)
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     for frame in (0, 150, 400):
         data.qpos[:] = np.concatenate([clip.root_pos_w[frame], clip.root_quat_wxyz[frame], clip.joint_pos_rad[frame]])

@@ -8,9 +8,9 @@ import pytest
 from onnx import TensorProto
 
 import policy.actor
+from core.errors import InputError
 from policy.actor import bundled_actors, load_actor
 from policy.spec import ObservationGroup, ObservationTerm
-from robot.errors import InputError
 from tests.policy.toys import (
     GROUP,
     JOINTS,

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from policy.actor import load_actor
 from policy.controller import PolicyController
 from policy.spec import ObservationGroup
-from robot.errors import InputError
 from tests.policy.toys import GROUP, JOINTS, random_states, toy_robot, toy_spec, weights, write_actor
 
 TICKS = 12

@@ -4,8 +4,8 @@ import numpy as np
 import onnx
 import pytest
 
+from core.errors import InputError
 from policy.metadata import community_keys, read_metadata, write_metadata
-from robot.errors import InputError
 from tests.policy.toys import set_metadata, toy_spec, write_actor, write_graph
 
 
@@ -58,7 +58,7 @@ def test_a_failed_write_leaves_the_file_alone(tmp_path, monkeypatch):
     def fail(descriptor):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("robot.outputs.os.fsync", fail)
+    monkeypatch.setattr("core.files.os.fsync", fail)
     with pytest.raises(InputError, match=r"a.onnx: cannot be written \(No space left on device\)"):
         write_metadata(path, toy_spec(action_clip=5.0))
     assert path.read_bytes() == before

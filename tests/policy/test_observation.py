@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from policy.action import decode_action
 from policy.history import ObservationHistory
 from policy.observation import (
@@ -20,7 +21,6 @@ from policy.observation import (
     term_order,
 )
 from policy.spec import ObservationGroup, ObservationTerm
-from robot.errors import InputError
 from tests.policy.toys import GROUP, SIZE
 
 

@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
-from robot.errors import InputError
 from tests.policy.toys import GROUP, toy_motion, toy_spec
 
 

@@ -98,7 +98,7 @@ def test_links_and_paths_lead_somewhere(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     targets = [link for link in re.findall(r"\]\(([^)#\s]+)\)", text) if "://" not in link]
     missing = [link for link in targets if not (path.parent / link).exists()]
-    rooms = "robot|view|motion|policy|hal|deploy|sim2sim|train|configs|tests|benchmarks|docs"
+    rooms = "core|robot|world|view|motion|policy|hal|deploy|sim2sim|train|configs|tests|benchmarks|docs"
     named = re.findall(rf"`((?:{rooms})/[\w./]*)`", text)
     missing += [name for name in named if "NAME" not in name and not (ROOT / name).exists()]
     assert missing == []

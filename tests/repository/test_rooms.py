@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("robot", "view", "motion", "policy", "hal", "deploy", "sim2sim", "train")
+ROOMS = ("core", "robot", "world", "view", "motion", "policy", "hal", "deploy", "sim2sim", "train")
 RUN_BY_PEOPLE = (
     "deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "train/report/build", "motion/author/build",
     "motion/process", "motion/view", "motion/check", "motion/list",

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from robot.mjcf import compile_model
 from robot.robot import load_robot
+from world.model import compile_model
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from robot.mjcf import compile_model
+from core.rotations import quat_to_matrix
 from robot.robot import load_robot
-from robot.rotations import quat_to_matrix
 from tests.shared_data import SHARED, needs_shared_data
+from world.model import compile_model
 
 pytestmark = needs_shared_data
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import torch
 
-from robot.errors import InputError
+from core.errors import InputError
+from core.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse, quat_to_rotvec
 from robot.kinematics import Kinematics
-from robot.mjcf import compile_model
 from robot.robot import load_robot
-from robot.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse, quat_to_rotvec
 from tests.robot.toy import load_toy
+from world.model import compile_model
 
 
 @pytest.fixture(scope="module", params=["g1", "toy"])
@@ -62,7 +62,7 @@ def _with_point_sites(robot):
 
 def test_agrees_with_mujoco(robot):
     model = _with_point_sites(robot)
-    kinematics = Kinematics(robot)
+    kinematics = robot.kinematics
     states = _states(robot)
     bodies = kinematics.forward(*states)
     com = kinematics.center_of_mass(*states[:3])
@@ -76,7 +76,7 @@ def test_agrees_with_mujoco(robot):
 
 
 def test_velocities_are_the_derivatives_of_the_poses(robot):
-    kinematics, h = Kinematics(robot), 1e-5
+    kinematics, h = robot.kinematics, 1e-5
     pos, quat, joints, lin_vel, ang_vel, joint_vel = _states(robot)
     bodies = kinematics.forward(pos, quat, joints, lin_vel, ang_vel, joint_vel)
     after, before = (
@@ -90,7 +90,7 @@ def test_velocities_are_the_derivatives_of_the_poses(robot):
 
 
 def test_torch_agrees_and_keeps_its_type(robot):
-    kinematics, states = Kinematics(robot), _states(robot)
+    kinematics, states = robot.kinematics, _states(robot)
     expected = kinematics.forward(*states)
     for dtype, tolerance in ((torch.float64, 1e-12), (torch.float32, 2e-4)):
         got = kinematics.forward(*(torch.tensor(s, dtype=dtype) for s in states))
@@ -100,7 +100,7 @@ def test_torch_agrees_and_keeps_its_type(robot):
 
 
 def test_single_precision_stays_single(robot):
-    kinematics, states = Kinematics(robot), _states(robot)
+    kinematics, states = robot.kinematics, _states(robot)
     exact = kinematics.forward(*states)
     for field, expected in zip(kinematics.forward(*(s.astype(np.float32) for s in states)), exact):
         assert field.dtype == np.float32 and field.flags.c_contiguous
@@ -108,14 +108,14 @@ def test_single_precision_stays_single(robot):
 
 
 def test_angles_in_whole_numbers_leave_the_model_as_it_is(robot):
-    kinematics, root = Kinematics(robot), (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    kinematics, root = robot.kinematics, (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     whole = np.arange(len(robot.joint_names)) % 2
     for field, expected in zip(kinematics.forward(*root, whole)[:2], kinematics.forward(*root, whole.astype(float))):
         assert np.array_equal(field, expected)
 
 
 def test_any_leading_dimensions(robot):
-    kinematics, states = Kinematics(robot), _states(robot)
+    kinematics, states = robot.kinematics, _states(robot)
     flat = kinematics.forward(*states)
     folded = kinematics.forward(*(s.reshape(3, 4, -1) for s in states))
     single = kinematics.forward(*(s[5] for s in states))
@@ -127,14 +127,14 @@ def test_any_leading_dimensions(robot):
 
 
 def test_without_velocities_there_are_none(robot):
-    bodies = Kinematics(robot).forward(*_states(robot)[:3])
+    bodies = robot.kinematics.forward(*_states(robot)[:3])
     assert bodies.lin_vel_w is None and bodies.ang_vel_w is None
 
 
 def test_gradients_pass_through(robot):
     state = [torch.tensor(s) for s in _states(robot)[:3]]
     state[2].requires_grad_()
-    Kinematics(robot).forward(*state).pos_w.sum().backward()
+    robot.kinematics.forward(*state).pos_w.sum().backward()
     assert torch.isfinite(state[2].grad).all() and state[2].grad.abs().max() > 0
 
 
@@ -142,6 +142,6 @@ def test_a_joint_beside_its_body_is_refused(tmp_path):
     toy = load_toy()
     path = tmp_path / "toy.xml"
     path.write_text(toy.mjcf_path.read_text().replace('name="left_hip"', 'name="left_hip" pos="0 0 0.1"'))
-    moved = type(toy)(**{**vars(toy), "mjcf_path": path})
+    model = mujoco.MjModel.from_xml_path(str(path))
     with pytest.raises(InputError, match="do not fit forward kinematics"):
-        Kinematics(moved)
+        Kinematics(model, toy.points, where=str(path))

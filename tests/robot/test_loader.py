@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from robot.errors import InputError
+from core.errors import InputError
 from robot.robot import load_robot
 from tests.robot.toy import TOY_YAML, load_toy
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from motion.clip import save_clip
-from robot.kinematics import Kinematics
 from sim2sim.cli import main
 from sim2sim.evaluation import evaluate, run_names
 from sim2sim.player import Player
@@ -84,7 +83,7 @@ def test_scores_agree_with_the_recorded_poses(still: str) -> None:
     clip = standing_clip(0.4)
     ticks = 20
     assert score.qpos.shape == (ticks, 7 + ROBOT.num_joints) and score.survived
-    kinematics = Kinematics(ROBOT)
+    kinematics = ROBOT.kinematics
     done = kinematics.forward(*np.split(score.qpos.astype(np.float64), [3, 7], axis=1)).pos_w
     wanted = kinematics.forward(clip.root_pos_w[:1], clip.root_quat_wxyz[:1], clip.joint_pos_rad[:1]).pos_w
     distance_mm = 1e3 * np.sqrt(((done - wanted) ** 2).sum(axis=2))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robot.errors import InputError
+from core.errors import InputError
 from sim2sim.cli import main
 from sim2sim.evaluation import evaluate
 from sim2sim.player import Player

@@ -8,9 +8,9 @@ import numpy as np
 from motion.clip import Clip, clip_to_bytes
 from policy.metadata import write_metadata
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
-from robot.mjcf import compile_model
 from robot.robot import load_robot
 from tests.policy.toys import write_graph
+from world.model import compile_model
 
 ROBOT = load_robot()
 OBSERVATION = ObservationGroup("obs", (ObservationTerm("dof_pos", (0,)), ObservationTerm("base_ang_vel", (0,))))

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import torch
 
+from core.signals import StopRequest
 from tests.train.point_mass import PointMassEnv
 from train.checkpoint import Checkpoints
 from train.config import check, compose_document
-from train.interrupt import StopRequest
 from train.learner.build import build_learner
 from train.progress import Progress
 from train.runner import Budget, Runner

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from train.environment.adaptive_sigma import AdaptiveSigma
+from train.mdp.adaptive_sigma import AdaptiveSigma
 
 
 def test_the_mean_error_is_a_running_mean_and_sigma_never_grows():

@@ -5,12 +5,11 @@ import math
 import pytest
 import torch
 
-from robot.errors import InputError
-from robot.kinematics import Kinematics
-from robot.rotations import quat_rotate, yaw_of
+from core.errors import InputError
+from core.rotations import quat_rotate, yaw_of
 from tests.train.worlds import g1, settings, small_env, swaying_reference
-from train.environment.anchor import Anchor
-from train.environment.tick import ReferenceRows, ReferenceTable
+from train.mdp.anchor import Anchor
+from train.mdp.tick import ReferenceRows, ReferenceTable
 
 DT_S = 0.02
 QUARTER_TURN = torch.tensor([[math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]])
@@ -44,7 +43,7 @@ def test_the_whole_reference_is_moved_as_one_body():
     anchor = Anchor(1, time_s=DT_S, dt_s=DT_S)
     anchor.follow(torch.tensor([[3.0, 0.0, 0.78]]), QUARTER_TURN, rows)
     moved = anchor.moved(rows)
-    kinematics = Kinematics(g1())
+    kinematics = g1().kinematics
     still = torch.zeros(1, 3)
     turned = kinematics.forward(
         moved.root_pos_w, moved.root_quat_wxyz, moved.joint_pos_rad, still, still, moved.joint_vel_rad_s

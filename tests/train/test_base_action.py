@@ -11,15 +11,15 @@ from motion.library import open_motion
 from motion.reference import build_reference
 from policy.observation import OLDER_TERMS, pbhc_actor_group
 from policy.spec import ObservationGroup
-from robot.mjcf import compile_model
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
-from train.base_action.estimator import ObservedColumns, interpolate
-from train.base_action.feedback import _StanceGeometry
-from train.base_action.feedforward import feedforward_torques
-from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
-from train.environment.factory import build_environment
 from train.export import deployed, to_onnx, verify
 from train.learner.networks import Actor, Mlp
+from train.mdp.factory import build_environment
+from train.priors.estimator import ObservedColumns, interpolate
+from train.priors.feedback import _StanceGeometry
+from train.priors.feedforward import feedforward_torques
+from train.priors.module import BaseActionSettings, build_base_action, linearization_model
+from world.model import compile_model
 
 ACTION_SCALE = 0.25
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from robot.errors import InputError
+from core.errors import InputError
 from train.checkpoint import Checkpoints, load_state, save_state, snapshot
 from train.progress import Progress, console_line
 

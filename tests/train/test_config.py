@@ -6,7 +6,7 @@ from typing import get_type_hints
 import pytest
 import yaml
 
-from robot.errors import InputError
+from core.errors import InputError
 from tests.shared_data import SHARED
 from train.config import TrainConfig, check, compose_document, fingerprint, to_yaml, with_budget
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from train.environment.divergence import without_diverged
+from train.mdp.divergence import without_diverged
 from train.nan_guard import NonFiniteError
 from train.simulation.simulator import PhysicsState
 

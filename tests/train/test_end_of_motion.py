@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from train.config import TrainConfig, check, compose_document
-from train.environment.tracking import CONTROL_PERIOD_S
 from train.learner.gae import advantages_per_head
+from train.mdp.tracking import CONTROL_PERIOD_S
 from train.phase_basis import num_knots, phase_hats
 
 TICKS, DURATION_S = 200, 4.0

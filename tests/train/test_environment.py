@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 import torch
 
+from core.errors import InputError
+from core.rotations import quat_rotate
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.metrics import empbae_mm
 from motion.reference import build_reference
 from policy.history import ObservationHistory
 from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
-from robot.errors import InputError
-from robot.rotations import quat_rotate
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
-from train.environment.curriculum import Curriculum, EpisodeAverage
-from train.environment.settings import CurriculumSettings
-from train.environment.tick import ReferenceTable
+from train.mdp.curriculum import Curriculum, EpisodeAverage
+from train.mdp.settings import CurriculumSettings
+from train.mdp.tick import ReferenceTable
 from train.nan_guard import NonFiniteError, check_step
 from train.simulation.domain import DomainRanges
 

@@ -3,7 +3,7 @@
 import torch
 
 from tests.train.worlds import g1, settings, swaying_reference
-from train.environment.evaluator import FALL_COST, NoisyStartEvaluator
+from train.mdp.evaluator import FALL_COST, NoisyStartEvaluator
 
 SECONDS = 0.8
 

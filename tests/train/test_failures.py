@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from tests.train.worlds import CONSTANT, small_env
-from train.environment.failures import BIN_TICKS, FailureRates
-from train.environment.settings import StartSettings
-from train.environment.starts import MIN_WEIGHT, StartSampler
+from train.mdp.failures import BIN_TICKS, FailureRates
+from train.mdp.settings import StartSettings
+from train.mdp.starts import MIN_WEIGHT, StartSampler
 
 FIRST_FRAME = {"first_frame": 1.0}
 

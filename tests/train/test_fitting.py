@@ -7,12 +7,12 @@ import torch
 from motion.library import open_motion
 from motion.reference import build_reference
 from tests.train.worlds import g1, settings
-from train.base_action import fitting
-from train.base_action.fitting import fit_estimate, ridge
-from train.base_action.module import BaseActionSettings, build_base_action
-from train.environment.factory import build_environment
 from train.export import deployed, to_onnx, verify
 from train.learner.networks import Actor, Mlp
+from train.mdp.factory import build_environment
+from train.priors import fitting
+from train.priors.fitting import fit_estimate, ridge
+from train.priors.module import BaseActionSettings, build_base_action
 
 NOISE = {"base_ang_vel": 0.3, "projected_gravity": 0.2, "dof_pos": 0.01, "dof_vel": 1.0}
 BLOCKS = ((6, 8), (10, 13, 16))

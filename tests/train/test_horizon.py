@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from tests.train.worlds import g1, swaying_reference
-from train.base_action.feedforward import generalized_motion
-from train.base_action.horizon import Objective, Policy, Value, backward, follow
-from train.base_action.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
+from train.priors.feedforward import generalized_motion
+from train.priors.horizon import Objective, Policy, Value, backward, follow
+from train.priors.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
 
 NV, COMMANDS = 7, 7  # a root with one joint
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from tests.train.worlds import CONSTANT, small_env
-from train.environment.paired import PairedEnv
 from train.interface import StepResult
+from train.mdp.paired import PairedEnv
 
 STEPS = 4
 DISTURBED = {

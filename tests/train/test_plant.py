@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from robot.mjcf import compile_model
 from robot.robot import Robot
 from tests.train.worlds import g1
-from train.base_action.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant, difference, joined, moved
+from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant, difference, joined, moved
+from world.model import compile_model
 
 SUBSTEPS = 4
 

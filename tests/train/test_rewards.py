@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from train.environment import rewards
-from train.environment.tick import Bodies, ReferenceRows, RobotLimits, Tick
+from train.mdp import rewards
+from train.mdp.tick import Bodies, ReferenceRows, RobotLimits, Tick
 from train.simulation.simulator import PhysicsState
 
 POINTS, JOINTS = 4, 3  # points: pelvis, left foot, right foot, head

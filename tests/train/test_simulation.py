@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from robot.mjcf import compile_model
 from tests.train.worlds import g1
 from train.simulation.domain import DomainRanges
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
+from world.model import compile_model
 
 DEFAULT_Z = 0.78
 

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from tests.train.worlds import g1, settings, swaying_reference
-from train.base_action import trim as module
-from train.base_action.module import BaseActionSettings, build_base_action
-from train.base_action.trim import Trim, whole_step
 from train.phase_basis import num_knots
+from train.priors import trim as module
+from train.priors.module import BaseActionSettings, build_base_action
+from train.priors.trim import Trim, whole_step
 
 SECONDS = 0.8
 SHOULDER = "left_shoulder_pitch_joint"

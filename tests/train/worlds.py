@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from core.structured import parse
 from motion.clip import ARRAY_FIELDS, Clip, save_clip
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from robot.robot import Robot, load_robot
-from train.environment.factory import build_environment
-from train.environment.settings import EnvironmentSettings
-from train.environment.tracking import TrackingEnv
-from train.structured import parse
+from train.mdp.factory import build_environment
+from train.mdp.settings import EnvironmentSettings
+from train.mdp.tracking import TrackingEnv
 
 CONSTANT = {"start": 1.0, "easy": 1.0, "hard": 1.0, "factor": 0.0}
 REWARDS = {

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from robot.errors import InputError
-from robot.mjcf import compile_model
+from core.errors import InputError
 from tests.robot.toy import load_toy
 from view.filmstrip import filmstrip, write_png
 from view.video import VideoWriter
 from view.viewer import LiveViewer
+from world.model import compile_model
 
 
 def _pictures(count, height=48, width=64):

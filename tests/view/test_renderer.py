@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from robot.errors import InputError
-from robot.mjcf import compile_model
+from core.errors import InputError
 from robot.robot import load_robot
 from tests.robot.toy import load_toy
 from view import renderer as choice
 from view.camera import Camera
 from view.renderer import open_renderer
+from world.model import compile_model
 
 WIDTH, HEIGHT = 320, 240
 

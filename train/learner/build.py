@@ -4,13 +4,13 @@ from functools import partial
 
 import torch
 
-from train.base_action.module import BaseAction
 from train.config import TrainConfig
 from train.interface import TrackingEnv
 from train.learner.networks import Actor, Critic, Mlp
 from train.learner.normalizer import PhaseNormalizer
 from train.learner.ppo import Ppo
 from train.learner.storage import Sizes, Storage
+from train.priors.module import BaseAction
 
 _STREAMS = {"actor": 101, "critic": 102, "noise": 103, "shuffle": 104}
 

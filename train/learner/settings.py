@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from robot.errors import InputError
-from train.structured import at_least, positive, within
+from core.errors import InputError
+from core.structured import at_least, positive, within
 
 
 @dataclass(frozen=True)

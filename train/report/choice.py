@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from train.environment.evaluator import FALL_COST, START_NOISE_RAD, STARTS
+from train.mdp.evaluator import FALL_COST, START_NOISE_RAD, STARTS
 
 PREFIX = "evaluation/"
 RULE = (

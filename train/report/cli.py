@@ -3,8 +3,8 @@
 import sys
 from collections.abc import Sequence
 
-from robot.arguments import ArgumentParser, path_argument
-from robot.errors import InputError
+from core.arguments import ArgumentParser, path_argument
+from core.errors import InputError
 from train.report.writer import rebuild
 
 FILM_BUDGET_S = 120.0

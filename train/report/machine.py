@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from robot.processes import available_cores
+from core.processes import available_cores
 from train.config import TrainConfig
 
 _PACKAGES = ("torch", "mujoco", "numpy", "onnxruntime")

@@ -12,17 +12,11 @@ from motion.reference import Reference, build_reference
 from policy.actor import Actor, load_actor
 from robot.robot import Robot, load_robot
 from train.config import TrainConfig
-from train.environment.evaluator import FALL_HEIGHT_SHARE
-from train.environment.factory import build_environment
-from train.environment.settings import (
-    CurriculumSettings,
-    EnvironmentSettings,
-    PushSettings,
-    StartSettings,
-    TerminationSettings,
-)
-from train.environment.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.folder import ACTOR_FILE, CLIP_FILE
+from train.mdp.evaluator import FALL_HEIGHT_SHARE
+from train.mdp.factory import build_environment
+from train.mdp.settings import CurriculumSettings, EnvironmentSettings, PushSettings, StartSettings, TerminationSettings
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 
 _SEED = 0
 

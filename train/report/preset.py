@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robot.errors import InputError
+from core.errors import InputError
 from train.config import CONFIG_DIR, compose_document
 
 _OWN_KEYS = ("motion", "run_dir")

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from robot.errors import InputError
+from core.errors import InputError
 from train.folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 from train.progress import read_rows
 from train.report.choice import Evaluation, evaluations

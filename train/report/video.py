@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from train.environment.tracking import CONTROL_PERIOD_S
+from train.mdp.tracking import CONTROL_PERIOD_S
 from train.report.playback import Playback
 from view.stage import Stage
 from view.video import VideoWriter

@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from robot.outputs import write_whole
+from core.files import write_whole
 from train.config import check
 from train.folder import ACTOR_FILE, REPORT_FILE
 from train.progress import TIME_PREFIX

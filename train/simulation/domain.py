@@ -5,8 +5,8 @@ from typing import Literal
 
 import torch
 
+from core.structured import at_least, ordered, positive, within
 from robot.robot import Robot
-from train.structured import at_least, ordered, positive, within
 
 
 @dataclass(frozen=True)

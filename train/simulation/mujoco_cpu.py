@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from mujoco.rollout import Rollout
 
-from robot.mjcf import compile_model
 from robot.robot import Robot
 from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
 from train.simulation.simulator import PhysicsState
+from world.model import compile_model
 
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)

@@ -2,13 +2,13 @@
 
 from typing import Any
 
+from core.errors import InputError
 from hal.can.codec import Codec
 from hal.can.codecs.cubemars import CubemarsCodec
 from hal.can.codecs.damiao import DamiaoCodec
 from hal.can.codecs.moteus import MoteusCodec
 from hal.can.codecs.odrive import OdriveCodec
 from hal.can.codecs.robstride import RobstrideCodec
-from robot.errors import InputError
 
 CODECS: dict[str, type[Codec]] = {
     codec.name: codec for codec in (DamiaoCodec, RobstrideCodec, CubemarsCodec, OdriveCodec, MoteusCodec)

@@ -39,7 +39,7 @@ from hal.can.codec import (
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
-from hal.types import DeviceFault
+from hal.contract.types import DeviceFault
 
 POS_RANGE_RAD = "pos_range_rad"
 VEL_RANGE_RAD_S = "vel_range_rad_s"

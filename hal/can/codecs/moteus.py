@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from core.errors import InputError
 from hal.can import codec
 from hal.can.codec import (
     WATCHDOG_S,
@@ -62,7 +63,6 @@ from hal.can.codecs.moteus_registers import (
 )
 from hal.can.codecs.options import checked_id, checked_number, no_more
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
-from robot.errors import InputError
 
 STOPPED, FAULTED, POSITION_MODE, TIMED_OUT, ZERO_VELOCITY = 0, 1, 10, 11, 12
 DRIVING = frozenset((5, 6, 7, 8, 9, POSITION_MODE, ZERO_VELOCITY, 13, 15))

@@ -8,8 +8,8 @@ from functools import cache
 from types import ModuleType
 from typing import NamedTuple
 
+from core.errors import InputError
 from hal.can.frame import FD_LENGTHS, STANDARD_ID_MAX, Frame
-from robot.errors import InputError
 
 MODE, POSITION, VELOCITY, TORQUE, MOTOR_TEMPERATURE, TEMPERATURE, FAULT = 0x00, 0x01, 0x02, 0x03, 0x0A, 0x0E, 0x0F
 TO_POSITION, TO_VELOCITY, TO_TORQUE, KP_SCALE, KD_SCALE, MAX_TORQUE, TIMEOUT = 0x20, 0x21, 0x22, 0x23, 0x24, 0x25, 0x27

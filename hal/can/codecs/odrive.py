@@ -37,7 +37,7 @@ from hal.can.codec import (
 from hal.can.codecs.odrive_tables import ERROR_BITS, ERRORS
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.frame import Frame, IdFilter
-from hal.types import DeviceFault
+from hal.contract.types import DeviceFault
 
 WATCHDOG_ENABLED = "watchdog_enabled"
 ENDPOINT_OPTIONS = ("enable_watchdog_endpoint", "watchdog_timeout_endpoint")

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from core.errors import InputError
 from hal.can.codec import MotorModel
-from robot.errors import InputError
 
 
 def checked_id(what: str, value: object, lower: int, upper: int) -> int:

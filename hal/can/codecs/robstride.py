@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
+from core.errors import InputError
 from hal.can.codec import (
     WATCHDOG_S,
     Ack,
@@ -39,8 +40,7 @@ from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.robstride_tables import FIRST_TRUE_GAINS, MODELS, REPORTED_FAULTS, STATE_FAULTS
 from hal.can.codecs.scaling import from_code, to_code
 from hal.can.frame import EXTENDED_ID_MAX, Frame, IdFilter
-from hal.types import DeviceFault
-from robot.errors import InputError
+from hal.contract.types import DeviceFault
 
 MECHANICAL_POS_RAD = "mechanical_pos_rad"
 RUN_MODE = "run_mode"

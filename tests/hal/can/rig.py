@@ -13,15 +13,16 @@ import numpy as np
 from hal.can.bus import CanBus
 from hal.can.frame import Frame
 from hal.can.robot_file import BusEntry, MotorEntry, RobotFile
+from hal.contract.types import DeviceError
 from hal.emulator.can import BusLoop
 from hal.emulator.can_bus import BusLine
 from hal.emulator.can_motor import EmulatedMotor
 from hal.emulator.faults import Faults
 from hal.emulator.robot import Joints
-from hal.types import DeviceError, JointCommand, damping_command
 from hal.wire.boards import StateBoard
 from hal.wire.outbox import IDLE, Kind, Outgoing
 from robot.robot import load_robot
+from world.actuation import JointCommand, damping_command
 
 G1 = load_robot()
 INERTIA_KG_M2 = 0.1

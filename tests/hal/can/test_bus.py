@@ -10,7 +10,7 @@ import pytest
 from hal.can.codec import MotorCommand
 from hal.can.frame import Frame
 from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, switch_on
-from hal.types import DeviceError, DeviceFault
+from hal.contract.types import DeviceError, DeviceFault
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, index, motor, robot_file
 
 MIXED = (

@@ -2,10 +2,10 @@
 
 import pytest
 
+from core.errors import InputError
 from hal.can.bus_load import bus_loads, check_loads, frame_time_s, load_table
 from hal.can.frame import Frame
 from hal.can.robot_file import load_robot_file
-from robot.errors import InputError
 from tests.hal.can.rig import ANKLE, ELBOW, HIP, KNEE, motor, robot_file
 
 M, M5 = 1_000_000, 5_000_000

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from core.errors import InputError
 from hal.calibration import jog, scan, zero
 from hal.calibration.bench import Bench
 from hal.can.robot_file import load_robot_file
+from hal.contract.types import DeviceError
 from hal.emulator.can_bus import BusLine
-from hal.types import DeviceError
-from robot.errors import InputError
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, index, motor, robot_file, served
 
 YAML = """robot: g1_23dof

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.config import config_file
+from core.errors import InputError
 from hal.can.driver import make_factory
 from hal.can.robot_file import check_motors, load_robot_file
-from hal.options import config_file
-from robot.errors import InputError
 from robot.robot import load_robot
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, motor, robot_file
 

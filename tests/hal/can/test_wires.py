@@ -14,9 +14,9 @@ from hal.can.frame import Frame
 from hal.can.link import Link
 from hal.can.setup import prepare, switch_off, switch_on
 from hal.can.talk import ask
+from hal.contract.types import DeviceError
 from hal.emulator.can_wire import parse_slcan, slcan_line
 from hal.emulator.socketcand import SocketcandServer, frame_text, parse_send
-from hal.types import DeviceError
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, index, motor, robot_file, served
 
 DAMIAO_AND_ROBSTRIDE = (motor(HIP, 1), motor(KNEE, 2, codec="robstride", model="RS04", direction=-1, gear=1.3))

@@ -9,9 +9,9 @@ import select
 import sys
 import time
 
-from hal.clock import MonotonicClock
+from core.clock import MonotonicClock
+from hal.contract.types import DeviceError
 from hal.open import open_backend
-from hal.types import DeviceError
 from tests.hal.rigs import G1, hold
 
 DRIVES_S = 0.3

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from hal.backend import Backend
-from hal.clock import MonotonicClock
+from core.clock import MonotonicClock
+from hal.contract.backend import Backend
+from hal.contract.types import DeviceError, RobotState
 from hal.emulator.launch import Emulator, launch_emulator
 from hal.open import WIRES, wire_config, wire_factory
-from hal.types import DeviceError, RobotState
 from hal.wire.emulated import EmulatedWireBackend
 from robot.robot import Robot
 from tests.hal.conformance.pace import slowed

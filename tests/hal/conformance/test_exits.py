@@ -129,6 +129,6 @@ def test_a_killed_wire_process_leaves_it_to_the_devices_watchdogs(loop: LoopOnWi
     subprocess.run(["kill", "-9", str(wire_process)], check=True)
     loop.wire_process_lives = False
     assert process.wait(10) == 1
-    assert process.stderr is not None and "hal.types.LinkLost: " in process.stderr.read()
+    assert process.stderr is not None and "hal.contract.types.LinkLost: " in process.stderr.read()
     if wire == "can":
         wait_until(lambda: "driven" not in loop.modes())

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
+from core.clock import MonotonicClock
 from deploy.actors import load_run
 from deploy.loop import Loop
 from deploy.safety.guard import Guard
 from deploy.states import Request, StateMachine
 from deploy.tick import Tick
-from hal.clock import MonotonicClock
 from hal.open import WIRES, wire_factory
 from hal.wire.emulated import EmulatedWireBackend
 from tests.deploy.toys import SETTINGS, write_linear_actor

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hal.backend import Backend, Placeable
-from hal.types import DeviceError, JointCommand, RobotState
+from hal.contract.backend import Backend, Placeable
+from hal.contract.types import DeviceError, RobotState
 from tests.hal.conformance.rigs import Emulators, Rig, make_rig, ready, rig_names, wait_until
 from tests.hal.rigs import PERIOD_S, hold, pass_time, run
+from world.actuation import JointCommand
 
 # What a device's own scaling of a torque may add to a bound.
 SCALING_NM = 0.5

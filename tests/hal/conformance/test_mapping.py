@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.clock import MonotonicClock
+from core.clock import MonotonicClock
+from core.rotations import quat_conjugate, quat_mul
 from hal.open import WIRES
 from robot.robot import Robot
-from robot.rotations import quat_conjugate, quat_mul
 from tests.hal.conformance.geometry import SERVOS, built_otherwise
 from tests.hal.conformance.rigs import Emulators, Rig, make_wire, ready, wait_until
 from tests.hal.rigs import G1, PERIOD_S, hold, run

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from core.config import load_options
 from hal.can.robot_file import load_robot_file
 from hal.dds.options import DdsOptions
 from hal.dynamixel.robot_file import load_dynamixel
 from hal.open import wire_config
-from hal.options import load_options
 from tests.hal.conformance.pace import slowed
 
 

@@ -7,15 +7,16 @@ from typing import Any, Self
 
 import numpy as np
 
+from core.config import config_file
+from hal.contract.types import DeviceInfo
 from hal.dds.driver import DdsDriver, DdsFactory
 from hal.dds.options import load_dds_options
 from hal.emulator.launch import Emulator
-from hal.options import config_file
-from hal.types import DeviceInfo, JointCommand, damping_command
 from hal.wire.boards import Snapshot, StateBoard
 from hal.wire.cycles import CycleThread
 from hal.wire.outbox import CommandBoard, Kind, Outbox
 from tests.hal.rigs import G1
+from world.actuation import JointCommand, damping_command
 
 # A test machine is shared; nothing here depends on how quick it is.
 LIMIT_S = 60.0

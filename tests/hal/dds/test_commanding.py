@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from core.config import config_file, load_options
+from core.errors import InputError
 from hal.dds.command import CommandFrames
 from hal.dds.layout import CMD, STATE
 from hal.dds.link import configuration
@@ -14,11 +16,9 @@ from hal.dds.observation import refusals
 from hal.dds.options import DdsOptions, load_dds_options
 from hal.dds.slots import SLOT_NAMES, SlotMap
 from hal.dds.state_reader import Counts
-from hal.options import config_file, load_options
-from hal.types import JointCommand, damping_command
 from hal.wire.outbox import IDLE, Kind, Outgoing
-from robot.errors import InputError
 from tests.hal.rigs import G1
+from world.actuation import JointCommand, damping_command
 
 FILE = config_file("hal", "dds")
 OPTIONS = load_options(DdsOptions, FILE)

@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from core.config import config_file
+from hal.contract.types import DeviceFault, LinkLost
 from hal.emulator import control, launch
 from hal.emulator.launch import Emulator, launch_emulator
-from hal.options import config_file
-from hal.types import DeviceFault, LinkLost
 from tests.hal.dds.host import LIMIT_S, Host, driver_for, wait
 from tests.hal.rigs import G1
 

@@ -5,13 +5,13 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from core.config import config_file, load_options
 from hal.dds.layout import CMD, STATE
 from hal.dds.options import DdsOptions
 from hal.dds.remote import Remote, decode_remote, encode_remote
 from hal.dds.slots import SLOT_NAMES, SlotMap
 from hal.dds.state_writer import StateWriter
 from hal.dds.tick_clock import TickClock, went_back
-from hal.options import config_file, load_options
 from hal.wire.boards import StateBoard, is_complete
 from tests.hal.dds.test_types import some_command, some_state
 from tests.hal.rigs import G1

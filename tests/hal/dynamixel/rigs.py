@@ -16,11 +16,11 @@ from hal.emulator.dynamixel_servo import EmulatedServo
 from hal.emulator.faults import COMMON_KINDS, Faults
 from hal.emulator.imu import IMU_FAULTS
 from hal.emulator.robot import EmulatedRobot, Joints
-from hal.plant import Measurement
-from hal.types import JointCommand
 from hal.wire.boards import Snapshot, StateBoard
 from hal.wire.outbox import CommandBoard, Kind, Outbox
 from robot.robot import load_robot
+from world.actuation import JointCommand
+from world.plant import Measurement
 
 ROBOT = load_robot()
 CONFIG = "dynamixel_g1"

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from hal.contract.types import DeviceError, DeviceFault
 from hal.dynamixel import registers as r
-from hal.types import DeviceError, DeviceFault
 from tests.hal.dynamixel.rigs import ROBOT, Bench, hold
 
 KNEE = "left_knee_joint"

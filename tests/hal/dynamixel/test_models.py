@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from hal.dynamixel.models import Law, find_model, known_models
-from robot.errors import InputError
 
 # XM430-W350 at 12 V: 4.1 Nm at 2.3 A, 2.69 mA a count: 4.1 / 2.3 * 0.00269 = 4.7952e-3 Nm a count. 4096 / 2 pi =
 # 651.899 counts a radian.

@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 import pytest
 
+from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel.port import ServoPort, Silent, latency_timer_ms
 from hal.dynamixel.protocol2 import Answer, Packet
 from hal.dynamixel.questions import Heard, StateQuestions
-from hal.types import DeviceError
 
 LONG_S = 5.0
 SHORT_S = 0.4

@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from core.errors import InputError
 from hal.dynamixel.driver import law_lines
 from hal.dynamixel.robot_file import load_dynamixel, port_bytes, port_load
 from hal.dynamixel.translation import Translation
-from robot.errors import InputError
 from tests.hal.dynamixel.rigs import ROBOT, g1_options
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
+from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.scan import main, scan
-from hal.types import DeviceError
 from tests.hal.dynamixel.rigs import Bench
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from hal.contract.joint_map import JointMap
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import find_model
 from hal.emulator.dynamixel_servo import EmulatedServo
-from hal.joint_map import JointMap
 
 
 def servo(model: str = "XM430-W350", *, gear: float = 1.0, direction: int = 1) -> EmulatedServo:

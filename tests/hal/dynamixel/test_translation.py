@@ -6,11 +6,12 @@ import struct
 import numpy as np
 import pytest
 
+from hal.contract.types import DeviceFault
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel.robot_file import load_dynamixel
 from hal.dynamixel.translation import Translation
-from hal.types import DeviceFault, JointCommand
 from robot.robot import load_robot
+from world.actuation import JointCommand
 
 ROBOT = load_robot()
 KNEE = ROBOT.joint_names.index("left_knee_joint")

@@ -2,9 +2,9 @@
 
 from types import MappingProxyType
 
+from core.errors import InputError
 from hal.emulator.device import DeviceSide
 from hal.emulator.faults import FaultKind
-from robot.errors import InputError
 from robot.robot import load_robot
 
 G1 = load_robot()

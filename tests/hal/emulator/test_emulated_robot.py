@@ -3,13 +3,13 @@ import time
 import numpy as np
 import pytest
 
-from hal.clock import SimulatedClock
+from core.clock import SimulatedClock
 from hal.emulator.faults import Faults
 from hal.emulator.robot import EmulatedRobot
-from hal.mujoco import MujocoBackend
-from hal.sim_options import load_sim_options
-from hal.types import JointCommand
+from hal.simulated.mujoco import MujocoBackend
 from tests.hal.emulator.rig import G1, FakeTime
+from world.actuation import JointCommand
+from world.options import load_sim_options
 
 KNEE = G1.joint_names.index("left_knee_joint")
 

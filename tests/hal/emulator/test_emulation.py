@@ -8,14 +8,14 @@ import time
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from hal.contract.types import DeviceError
 from hal.emulator import cli, device
 from hal.emulator.control import ControlClient
 from hal.emulator.device import Worker, device_class, fault_kinds
 from hal.emulator.emulation import Emulation
 from hal.emulator.faults import Fault
 from hal.emulator.keyboard import FAULT_OF_KEY, OTHER_KEYS, FaultKeys
-from hal.types import DeviceError
-from robot.errors import InputError
 from tests.hal.emulator.rig import G1, WirelessDevice
 
 KNEE = "left_knee_joint"

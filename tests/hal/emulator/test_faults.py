@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from hal.emulator.faults import COMMON_KINDS, UNHARMED, DelayLine, Fault, Faults, parse_fault
-from robot.errors import InputError
 from tests.hal.emulator.rig import FakeTime
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from core.errors import InputError
+from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
 from hal.emulator.launch import launch_emulator, start_emulator
-from hal.types import DeviceError
-from robot.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[3]
 WIRELESS = """

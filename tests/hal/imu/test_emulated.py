@@ -7,14 +7,14 @@ from typing import cast
 import numpy as np
 import pytest
 
+from core.config import config_file, load_options
+from core.rotations import projected_gravity
 from hal.emulator.faults import COMMON_KINDS, Faults
 from hal.emulator.imu import IMU_FAULTS, ImuLine
 from hal.emulator.robot import EmulatedRobot
 from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader, ImuReading
-from hal.options import config_file, load_options
-from hal.plant import Measurement
-from robot.rotations import projected_gravity
+from world.plant import Measurement
 
 LEAN = np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0])  # 0.4 rad forward, about y
 

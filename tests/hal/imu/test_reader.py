@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from hal.contract.types import DeviceError
 from hal.imu import hipnuc
 from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader
 from hal.imu.sample import ImuSample, Mounting
-from hal.types import DeviceError
-from robot.errors import InputError
 
 UPRIGHT = ImuSample((1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 9.80665))
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.clock import MonotonicClock
-from hal.faults import Fault
-from hal.mock import MockBackend, MockOptions
-from hal.types import DeviceError, DeviceFault, DeviceInfo
+from core.clock import MonotonicClock
+from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
+from hal.simulated.faults import Fault
+from hal.simulated.mock import MockBackend, MockOptions
 from hal.wire.backend import WireBackend
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Kind

@@ -4,7 +4,7 @@ import sys
 import time
 from pathlib import Path
 
-from hal.types import NoState
+from hal.contract.types import NoState
 from tests.hal.rigs import G1, PERIOD_S, hold
 from tests.hal.wire.fake import fake_backend
 

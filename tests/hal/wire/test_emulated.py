@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hal.clock import MonotonicClock
-from hal.types import DeviceError
+from core.clock import MonotonicClock
+from hal.contract.types import DeviceError
 from hal.wire.backend import WireBackend
 from hal.wire.emulated import EmulatedWireBackend
 from tests.hal.rigs import G1

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hal.types import JointCommand
 from hal.wire.outbox import CommandBoard, Kind, Outbox
+from world.actuation import JointCommand
 
 KD = np.array([2.0, 3.0])
 PERIOD_S = 0.02

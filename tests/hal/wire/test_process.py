@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.types import DeviceError, DeviceFault, LinkLost
-from robot.errors import InputError
+from core.errors import InputError
+from hal.contract.types import DeviceError, DeviceFault, LinkLost
 from tests.hal.rigs import G1, PERIOD_S, hold
 from tests.hal.wire.fake import CYCLE_S, FakeFactory, fake_backend, read_journal
 

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.author.cli import CHOREOGRAPHIES, CLIPS, build_clip, main
 from motion.clip import load_clip
-from robot.errors import InputError
-from robot.mjcf import compile_model
 from robot.robot import Robot
+from world.model import compile_model
 
 SHORT = """
 fps: 50

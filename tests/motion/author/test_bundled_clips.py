@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from motion.author.cli import CLIPS, choreography_names
 from motion.clip import Clip, load_clip
 from motion.physics_checks import check_clip
-from robot.mjcf import compile_model
 from robot.robot import Robot
+from world.model import compile_model
 
 # name: shortest and longest duration [s], fastest joint [rad/s], smallest margin of the zero-moment point [m],
 # smallest margin of the centre of mass where it is meant to stay above the feet [m]

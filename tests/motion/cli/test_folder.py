@@ -4,9 +4,9 @@ import json
 
 import pytest
 
+from core.errors import InputError
 from motion.cli.folder import check_folder, write_folder
 from motion.report.record import CREATED_BY
-from robot.errors import InputError
 
 REPORT = json.dumps({"created_by": CREATED_BY}).encode()
 FILES = {"walk.npz": b"clip", "report.html": b"page", "report.json": REPORT}

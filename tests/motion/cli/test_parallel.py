@@ -3,8 +3,8 @@
 import os
 import signal
 
+from core.processes import available_cores
 from motion.cli.parallel import run_all
-from robot.processes import available_cores
 
 
 def test_every_job_answers_with_its_own_code():

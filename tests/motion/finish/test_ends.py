@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from core.rotations import projected_gravity, quat_from_axis_angle, quat_mul, quat_rotate
 from motion.clip import Clip
 from motion.feet import sole_points_w
 from motion.finish import with_default_ends
 from motion.library import open_motion
 from motion.physics_checks import check_clip
-from robot.errors import InputError
-from robot.kinematics import Kinematics
-from robot.rotations import projected_gravity, quat_from_axis_angle, quat_mul, quat_rotate
 from tests.robot.toy import load_toy
 from tests.shared_data import SHARED, needs_shared_data
 
@@ -24,7 +23,7 @@ def cut(clip: Clip, first: int, end: int) -> Clip:
 
 
 def soles(clip: Clip, robot) -> np.ndarray:
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
     return sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
 
 

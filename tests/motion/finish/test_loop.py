@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from core.rotations import quat_from_axis_angle, yaw_of
 from motion.finish import loop_clip
 from motion.physics_checks import check_clip
-from robot.errors import InputError
-from robot.rotations import quat_from_axis_angle, yaw_of
 
 FPS, SECONDS = 30.0, 0.5
 

@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import Clip
 from motion.finish import mirror_clip
 from motion.finish.mirror import joint_mirror
-from robot.errors import InputError
-from robot.mjcf import build_spec
 from robot.robot import load_robot
 from tests.robot.toy import TOY_YAML, load_toy
 
@@ -38,7 +37,7 @@ def random_clip(robot, seed: int = 0) -> Clip:
 
 def places(robot, clip) -> dict[str, np.ndarray]:
     """Position (N,3) of every body's origin and centre of mass, by MuJoCo."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     columns = [clip.joint_names.index(name) for name in robot.joint_names]
     found = {name: [] for name in robot.body_names}

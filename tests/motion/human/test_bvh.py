@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from core.errors import InputError
 from motion.human.bvh import UNITS_M, bvh_motion
 from motion.human.motion import JOINTS, HumanMotion
 from motion.human.placing import placed
 from motion.human.skeleton import MEAN_SKELETON
 from motion.human.skeleton_map import SKELETONS, load_skeleton_map
-from robot.errors import InputError
 from tests.motion.human.people import Y_UP, Z_UP, Person, Rig, bvh_text, person, standing
 from tests.shared_data import SHARED, needs_shared_data
 

@@ -5,9 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.frames import MAX_FRAMES
 from motion.human.bvh_file import MAX_JOINTS, MAX_LINE, parse_bvh
-from robot.errors import InputError
 
 SMALL = """HIERARCHY
 ROOT Hips

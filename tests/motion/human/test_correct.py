@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.contact import contact_of
 from motion.human.correct import CorrectSettings, correct_height, height_offset_m
 from motion.settings import read_section
-from robot.errors import InputError
 from tests.motion.figure import moved, standing_figure
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from core.errors import InputError
+from core.rotations import quat_rotate
 from motion.human.placing import UPRIGHT_WXYZ, find_ground, find_up
-from robot.errors import InputError
-from robot.rotations import quat_rotate
 from tests.motion.human.people import standing
 
 FEET = np.array([[-0.05, 0.0, 0.0], [0.12, -0.02, 0.0], [0.1, 0.06, 0.0], [0.19, 0.02, 0.0]])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.human.motion import HumanMotion
 from motion.human.segment import segment_motion
-from robot.errors import InputError
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from core.rotations import quat_rotate
 from motion.human.motion import ANKLES, JOINTS
 from motion.human.skeleton import FEET, FROM_SMPL_WXYZ, MEAN_SKELETON, posed, soles_w
-from robot.rotations import quat_rotate
 from tests.motion.human.people import person
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
+from core.errors import InputError
 from motion.human.motion import JOINTS
 from motion.human.skeleton_map import OPTIONAL, SKELETONS, load_skeleton_map, recognised
-from robot.errors import InputError
 
 BUNDLED = sorted(path.stem for path in SKELETONS.glob("*.yaml"))
 GOOD = (SKELETONS / "mocapbank.yaml").read_text()

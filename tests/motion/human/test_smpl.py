@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from core.errors import InputError
 from motion.frames import MAX_FRAMES
 from motion.human.motion import JOINTS, HumanMotion
 from motion.human.placing import placed
@@ -14,7 +15,6 @@ from motion.human.skeleton import MEAN_SKELETON
 from motion.human.smpl import AMASS_FIELDS, read_amass, read_gvhmr, smpl_motion
 from motion.importers.torch_file import read_torch
 from motion.npz import read_npz
-from robot.errors import InputError
 from tests.motion.human.people import Person, person, standing
 from tests.motion.human.smpl_files import amass, gvhmr_table, parameters, torch_bytes
 

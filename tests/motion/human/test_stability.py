@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle
 from motion.human.motion import JOINTS
 from motion.human.stability import SEGMENTS, body_points_of, center_of_mass_w, sole_points_of
 from motion.physics_checks import center_of_pressure_w
-from robot.rotations import quat_from_axis_angle
 from tests.motion.figure import SOLE_M, STATURE_M, figure_points, standing_figure, turned
 
 

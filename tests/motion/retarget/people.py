@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.rotations import quat_conjugate, quat_from_axis_angle, quat_mul, quat_rotate
 from motion.clip import Clip
 from motion.human.motion import JOINTS, HumanMotion
 from motion.human.skeleton import FEET, MEAN_SKELETON, posed, soles_w
 from motion.reference import joint_columns
 from motion.retarget.settings import RetargetSettings
-from robot.kinematics import Kinematics
 from robot.robot import Robot
-from robot.rotations import quat_conjugate, quat_from_axis_angle, quat_mul, quat_rotate
 
 SIDES = ("left", "right")
 LIFT_RAD = 0.7
@@ -27,8 +26,8 @@ def excerpt(clip: Clip, frames: slice) -> Clip:
 def as_human(clip: Clip, robot: Robot, settings: RetargetSettings, size: float = 1.0) -> HumanMotion:
     """The robot's own bodies in the place of the human joints that the mapping names, `size` times as large."""
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
-    rest = Kinematics(robot).forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), settings.t_pose_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
+    rest = robot.kinematics.forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), settings.t_pose_rad)
     pos = np.repeat(bodies.pos_w[:, :1], len(JOINTS), axis=1)
     places = [pair for row in settings.segments for pair in zip(row.human, row.robot, strict=True)]
     places += [(f"{side}_hip", leg[0]) for side, leg in zip(SIDES, settings.legs, strict=True)]

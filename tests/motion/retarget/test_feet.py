@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle, quat_rotate, yaw_of
 from motion.physics_checks import bridged
 from motion.retarget.feet import plan_feet, plan_foot
 from motion.retarget.settings import FeetSettings
-from robot.rotations import quat_from_axis_angle, quat_rotate, yaw_of
 
 FPS = 10.0
 UP, SIDE = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])

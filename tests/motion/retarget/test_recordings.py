@@ -16,7 +16,6 @@ from motion.read import read_motion
 from motion.reference import joint_columns
 from motion.retarget.clean import clean_robot_motion, largest_change
 from motion.retarget.retarget import retarget
-from robot.kinematics import Kinematics
 from tests.motion.retarget.people import excerpt
 from tests.shared_data import SHARED, needs_shared_data
 
@@ -40,7 +39,7 @@ def test_a_human_recording(robot, settings):
 def middles_w(clip: Clip, robot) -> np.ndarray:
     """(N,2,2) of the soles."""
     joint_pos = clip.joint_pos_rad[:, joint_columns(clip, robot)]
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     return sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz).mean(axis=2)[..., :2]
 
 

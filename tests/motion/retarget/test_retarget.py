@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.errors import InputError
+from core.rotations import yaw_of
 from motion.clip import Clip
 from motion.human.motion import JOINTS
 from motion.physics_checks import check_clip, self_collisions
 from motion.retarget.retarget import retarget
-from robot.errors import InputError
-from robot.kinematics import Kinematics
-from robot.rotations import yaw_of
 from tests.motion.figure import moved
 from tests.motion.retarget.people import marching, moved_joints
 
@@ -84,7 +83,7 @@ def test_hands_that_the_human_has_inside_the_belly(robot, settings):
     careless = retarget(human, contact, robot, near)
     assert self_collisions(careless.root_pos_w, careless.root_quat_wxyz, careless.joint_pos_rad, robot)
     hands = robot.tracked_index(["left_hand_link", "right_hand_link"])
-    bodies = Kinematics(robot).forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
+    bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
     reach = np.linalg.norm(bodies.pos_w[-1, hands] - bodies.pos_w[-1, :1], axis=-1)
     assert reach.max() < 0.45  # yet they go there
 

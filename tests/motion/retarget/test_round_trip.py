@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from core.rotations import quat_from_axis_angle, quat_mul, yaw_of
 from motion.clip import Clip
 from motion.library import open_motion
 from motion.physics_checks import check_clip
 from motion.retarget.retarget import retarget
-from robot.rotations import quat_from_axis_angle, quat_mul, yaw_of
 from tests.motion.figure import turned
 from tests.motion.retarget.people import as_human, excerpt
 

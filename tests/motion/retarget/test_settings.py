@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from core.errors import InputError
 from motion.retarget.settings import SETTINGS, load_settings
-from robot.errors import InputError
 from tests.motion.retarget.conftest import TOY_SETTINGS
 
 

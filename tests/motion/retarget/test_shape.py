@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.human.motion import JOINTS, HumanMotion
 from motion.retarget.shape import human_shape, robot_shape, scaled_ankles_w, scaled_root_w
-from robot.errors import InputError
 from tests.motion.figure import STATURE_M, moved, standing_figure
 
 HIP_TO_KNEE_M, KNEE_TO_ANKLE_M = 0.306138, 0.317568  # along the lines between the joints' centres

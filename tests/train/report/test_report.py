@@ -14,8 +14,8 @@ import av
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from motion.clip import save_clip
-from robot.errors import InputError
 from tests.train.worlds import g1, swaying_clip
 from train.report import video
 from train.report.cli import main

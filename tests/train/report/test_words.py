@@ -8,7 +8,7 @@ import pytest
 
 from tests.train.worlds import g1, settings, swaying_reference
 from train.config import compose_document
-from train.environment import evaluator
+from train.mdp import evaluator
 from train.report import figures
 from train.report.choice import Evaluation, best, evaluations, explain
 from train.report.figures import PANELS, curves, draw, evaluated, thinned

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from hal.can.codec import CommandKind, MotorCommand, MotorState
 from hal.can.codecs import CODECS as CLASSES
 from hal.can.codecs import make_codec
 from hal.can.codecs.scaling import from_code, to_code
 from hal.can.frame import FD_LENGTHS, Frame, IdFilter
-from robot.errors import InputError
 from tests.hal.can.codecs.rigs import CODECS
 
 STEPS = {

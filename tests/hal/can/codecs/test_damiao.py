@@ -11,7 +11,7 @@ import pytest
 from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Ack, CommandKind, Feedback, MotorCommand, MotorState, Parameter
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
-from hal.types import DeviceFault
+from hal.contract.types import DeviceFault
 
 CODEC = make_codec("damiao", 5, "DM4310")
 MST_ID = 0x15

@@ -6,11 +6,11 @@ import struct
 import numpy as np
 import pytest
 
+from core.errors import InputError
 from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, MotorCommand, MotorState, Parameter
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
-from hal.types import DeviceFault
-from robot.errors import InputError
+from hal.contract.types import DeviceFault
 
 CODEC = make_codec("odrive", 3, "S1")
 WATCHED = make_codec("odrive", 3, "S1", enable_watchdog_endpoint=0x0123, watchdog_timeout_endpoint=0x0456)

@@ -4,11 +4,11 @@ import struct
 
 import pytest
 
+from core.errors import InputError
 from hal.can.codec import WATCHDOG_S, Ack, CommandKind, Feedback, MotorCommand, MotorState, Parameter
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
-from hal.types import DeviceFault
-from robot.errors import InputError
+from hal.contract.types import DeviceFault
 
 CODEC = make_codec("robstride", 5, "RS03")
 

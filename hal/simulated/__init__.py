@@ -1,0 +1,1 @@
+"""Backends without a wire: the mock and MuJoCo."""

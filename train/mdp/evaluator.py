@@ -1,0 +1,97 @@
+"""Judges an actor while it trains: noisy starts at the first frame, some nominal, most of them randomised."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+
+from motion.reference import Reference
+from robot.robot import Robot
+from train.interface import Policy
+from train.mdp.factory import build_environment
+from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
+from train.mdp.tracking import TrackingEnv
+
+STARTS = {"nominal": 24, "randomized": 96}  # who falls differs by chance, how far off one is hardly
+START_NOISE_RAD = 0.02
+FALL_HEIGHT_SHARE = 0.4
+FALL_COST = 1000.0
+ERROR_WEIGHT = 0.1
+
+
+class NoisyStartEvaluator:
+    """Plays the whole clip from noisy starts, without training's distance limit.
+
+    The score is the body error (Empbpe, mm) plus a tenth of the global one, plus 1000 times the share of starts that
+    fall, averaged over nominal starts and starts with full randomisation and observation noise. Its error is what
+    chance alone makes of the falls (standard error of a binomial share).
+
+    Args:
+        settings: the training environment's; its randomisation and noise are used at full size.
+        robot, reference: what is tracked.
+        seed: of every evaluation, so that actors meet the same conditions.
+        threads: worker threads of the physics.
+    """
+
+    def __init__(
+        self, settings: EnvironmentSettings, robot: Robot, reference: Reference, *, seed: int, threads: int
+    ) -> None:
+        self._reference, self._robot, self._seed, self._threads = reference, robot, seed, threads
+        self._settings = whole_clip(settings, reference)
+
+    def evaluate(self, act: Policy) -> dict[str, float]:
+        """See :class:`train.interface.Evaluator`."""
+        figures: dict[str, float] = {}
+        for name, settings in self._settings.items():
+            env = build_environment(
+                settings, self._robot, self._reference, num_envs=STARTS[name], seed=self._seed, threads=self._threads
+            )
+            figures |= {f"{name}_{key}": value for key, value in _play(env, act, self._reference.num_ticks).items()}
+        scores = [
+            figures[f"{name}_empbpe_mm"]
+            + ERROR_WEIGHT * figures[f"{name}_eg_mpbpe_mm"]
+            + FALL_COST * figures[f"{name}_falls"]
+            for name in self._settings
+        ]
+        falls = {name: figures[f"{name}_falls"] for name in self._settings}
+        error = FALL_COST * math.sqrt(sum(share * (1.0 - share) / STARTS[name] for name, share in falls.items()))
+        return {"score": sum(scores) / len(scores), "score_error": error / len(scores), **figures}
+
+
+def whole_clip(settings: EnvironmentSettings, reference: Reference) -> dict[str, EnvironmentSettings]:
+    """Settings under which robots play ``reference`` from noisy starts until they fall: nominal and randomized ones."""
+    height = float(reference.root_pos_w[0, 2]) * FALL_HEIGHT_SHARE
+    full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
+    common = replace(
+        settings,
+        randomization=replace(settings.randomization, nominal_share=0.0),
+        start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
+        termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
+        anchor_time_s=None,
+    )
+    none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
+    return {
+        "nominal": replace(common, randomization_scale=none, observation_noise={}),
+        "randomized": replace(common, randomization_scale=full),
+    }
+
+
+def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:
+    """Falls (share), length until the end or the first fall (share of the clip), and mean errors until then."""
+    alive = torch.ones(env.num_envs, dtype=torch.bool)
+    sums = {"eg_mpbpe_mm": 0.0, "empbpe_mm": 0.0, "empjpe_mrad": 0.0}
+    steps = 0
+    observations: Mapping[str, torch.Tensor] = env.reset()
+    for _ in range(ticks):
+        result = env.step(act(observations["actor"]))
+        observations = result.observations
+        alive &= ~result.terminated
+        if not alive.any():
+            break
+        for name, values in env.last_errors.items():
+            sums[name] += float(values[alive].sum())
+        steps += int(alive.sum())
+    errors = {name: total / max(steps, 1) for name, total in sums.items()}
+    survival = {"falls": 1.0 - float(alive.float().mean()), "length_ratio": steps / (env.num_envs * ticks)}
+    return survival | (errors if steps else dict.fromkeys(sums, float("inf")))

@@ -1,0 +1,54 @@
+"""Builds the environment from its configuration."""
+
+import torch
+
+from motion.feet import ground_lift_m
+from motion.library import open_motion
+from motion.reference import Reference, build_reference
+from robot.robot import Robot
+from train.mdp.settings import EnvironmentSettings
+from train.mdp.tick import ReferenceTable
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
+from train.simulation.mujoco_cpu import MujocoCpuSimulator
+
+STREAMS = 4
+
+
+def build_environment(
+    settings: EnvironmentSettings,
+    robot: Robot,
+    reference: Reference,
+    *,
+    num_envs: int,
+    seed: int,
+    threads: int,
+) -> TrackingEnv:
+    """An environment of ``num_envs`` robots on one clip. Same arguments, same numbers.
+
+    Raises:
+        InputError: a motion of ``settings.start.recovery`` that is none.
+    """
+    generator, episodes, physics, physics_episodes = (
+        torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
+    )
+    simulator = MujocoCpuSimulator(
+        robot,
+        num_envs,
+        settings.randomization,
+        physics,
+        physics_episodes,
+        control_period_s=CONTROL_PERIOD_S,
+        substeps=settings.simulation.substeps,
+        threads=threads,
+        joint_friction=settings.simulation.joint_friction,
+        randomization=settings.randomization_scale.start,
+    )
+    recovery = None
+    if settings.start.recovery.share > 0.0:
+        motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
+        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions])
+    return TrackingEnv(robot, _table(robot, [reference]), simulator, settings, generator, episodes, recovery)
+
+
+def _table(robot: Robot, references: list[Reference]) -> ReferenceTable:
+    return ReferenceTable(references, [torch.as_tensor(ground_lift_m(robot, reference)) for reference in references])

@@ -1,0 +1,90 @@
+"""Where episodes begin: reference state initialisation, with more starts before the places where robots fail."""
+
+import torch
+
+from core.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse
+from train.mdp.failures import BIN_TICKS
+from train.mdp.settings import StartSettings
+from train.mdp.tick import ReferenceRows, ReferenceTable
+from train.simulation.domain import uniform
+
+# No phase is left out.
+MIN_WEIGHT = 0.02
+
+
+class StartSampler:
+    """Draws start ticks, and what noise their states begin with.
+
+    Args:
+        settings: shares and noise.
+        num_ticks: (C,) ticks of each clip.
+        generator: source of randomness.
+        recovery: the motions of ``settings.recovery``; None where its share is 0.
+    """
+
+    def __init__(
+        self,
+        settings: StartSettings,
+        num_ticks: torch.Tensor,
+        generator: torch.Generator,
+        recovery: ReferenceTable | None = None,
+    ) -> None:
+        self._settings, self._num_ticks, self._generator = settings, num_ticks, generator
+        self._recovery = recovery
+
+    def draw(self, clip: torch.Tensor, failing: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return start ticks (n,) for clips (n,), and whether each was drawn uniformly (n,).
+
+        ``failing`` (C, bins): the chance to fail soon after a start there.
+        """
+        count, settings = len(clip), self._settings
+        last = self._num_ticks[clip]
+        kind = torch.rand(count, generator=self._generator)
+        tick = (torch.rand(count, generator=self._generator) * last).long()
+        chosen = torch.multinomial(failing[clip] + MIN_WEIGHT, 1, generator=self._generator)[:, 0]
+        inside = (torch.rand(count, generator=self._generator) * BIN_TICKS).long()
+        weighted = torch.minimum(chosen * BIN_TICKS + inside, last - 1)
+        from_first = kind < settings.first_frame
+        by_failure = ~from_first & (kind < settings.first_frame + settings.by_failure)
+        tick = torch.where(by_failure, weighted, torch.where(from_first, 0, tick))
+        return tick, ~from_first & ~by_failure
+
+    def state(self, rows: ReferenceRows, first_frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return qpos (n, 7+J) and qvel (n, 6+J) of the reference rows, lifted onto the ground, with start noise.
+
+        ``first_frame`` (n,) marks starts at the clip's beginning, which are at rest if the settings say so. Some of all
+        become starts of ``recovery``.
+        """
+        s = self._settings
+        qpos, qvel = _lifted(rows)
+        if s.first_frame_at_rest:
+            qvel = qvel * (~first_frame).float()[:, None]
+        if self._recovery is not None:
+            away = torch.rand(len(qpos), 1, generator=self._generator) < s.recovery.share
+            elsewhere = self._elsewhere(self._recovery, qpos[:, :2])
+            qpos, qvel = (torch.where(away, there, here) for there, here in zip(elsewhere, (qpos, qvel), strict=True))
+        tilt = quat_from_rotvec(self._normal((len(qpos), 3), s.tilt_noise_rad))
+        joint_pos = qpos[:, 7:] + self._normal(qpos[:, 7:].shape, s.joint_noise_rad)
+        qpos = torch.cat([qpos[:, :3], quat_mul(tilt, qpos[:, 3:7]), joint_pos], dim=1)
+        return qpos, qvel + self._normal(qvel.shape, s.velocity_noise)
+
+    def _elsewhere(self, motions: ReferenceTable, place_m: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """States of any frames of ``motions``, moved to ``place_m`` (n, 2)."""
+        clip = (torch.rand(len(place_m), generator=self._generator) * len(motions.num_ticks)).long()
+        tick = (torch.rand(len(place_m), generator=self._generator) * motions.num_ticks[clip]).long()
+        qpos, qvel = _lifted(motions.rows(clip, tick))
+        qpos[:, :2] = place_m
+        qvel[:, :2] += uniform((len(place_m), 2), -1.0, 1.0, self._generator) * self._settings.recovery.velocity_m_s
+        return qpos, qvel
+
+    def _normal(self, shape: tuple[int, ...] | torch.Size, std: float) -> torch.Tensor:
+        return std * torch.randn(shape, generator=self._generator)
+
+
+def _lifted(rows: ReferenceRows) -> tuple[torch.Tensor, torch.Tensor]:
+    """qpos (n, 7+J) and qvel (n, 6+J) of reference rows, lifted onto the ground."""
+    root_pos = rows.root_pos_w.clone()
+    root_pos[:, 2] += rows.lift_m
+    ang_vel_b = quat_rotate_inverse(rows.root_quat_wxyz, rows.root_ang_vel_w)
+    qpos = torch.cat([root_pos, rows.root_quat_wxyz, rows.joint_pos_rad], dim=1)
+    return qpos, torch.cat([rows.root_lin_vel_w, ang_vel_b, rows.joint_vel_rad_s], dim=1)

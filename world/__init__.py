@@ -1,0 +1,1 @@
+"""What a robot stands in and what drives it, once for simulation, emulators and training."""
