@@ -54,7 +54,7 @@ def read_yaml(path: Path, *, resolve: bool = True) -> dict[str, Any]:
         content = OmegaConf.to_container(OmegaConf.load(path), resolve=resolve)
     except FileNotFoundError as error:
         raise InputError("no such file", where=path) from error
-    except (OSError, UnicodeDecodeError, YAMLError, OmegaConfBaseException, RecursionError) as error:
+    except (OSError, ValueError, YAMLError, OmegaConfBaseException, RecursionError) as error:
         raise InputError("not a readable YAML file", where=path, got=str(error)) from error
     if not isinstance(content, dict):
         raise InputError("wrong type", where=path, got=f"a {type(content).__name__}", expected="a mapping")

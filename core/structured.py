@@ -6,6 +6,7 @@ Bounds are checked by each dataclass in its ``__post_init__``, which names its o
 import difflib
 import math
 import re
+import sys
 import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -73,7 +74,8 @@ def within(where: str, value: float, low: float, high: float) -> None:
 def ordered(where: str, bounds: tuple[float, float]) -> None:
     """InputError unless ``bounds`` are a finite range (from, to) that begins at zero or above."""
     if not 0.0 <= bounds[0] <= bounds[1] < math.inf:
-        raise InputError("not a range", where=where, got=list(bounds), expected="[from, to] with 0 ≤ from ≤ to")
+        expected = f"[from, to]{_in_unit(where)} with 0 ≤ from ≤ to"
+        raise InputError("not a range", where=where, got=list(bounds), expected=expected)
 
 
 def one_of(where: str | None, value: Any, choices: Collection[Any], what: str = "unknown choice") -> None:
@@ -119,7 +121,12 @@ def _check(holds: bool, what: str, where: str, value: float, expected: str) -> N
 def _unit(where: str) -> str:
     """That of the field at the end of a path, or nothing: ``joints[0].speed_rad_s`` is in rad/s."""
     name = re.sub(r"\[[^\]]*\]$", "", where).rpartition(".")[2]
-    return max((unit for end, unit in UNITS.items() if name.endswith(end)), key=len, default="")
+    ends = [end for end in UNITS if name.endswith(end)]
+    return UNITS[max(ends, key=len)] if ends else ""
+
+
+def _in_unit(where: str) -> str:
+    return f" in {_unit(where)}" if _unit(where) else ""
 
 
 def _names(several: Iterable[Any]) -> str:
@@ -206,16 +213,15 @@ def _mapping(value: Any, where: str) -> Mapping[str, Any]:
 def _scalar(kind: Any, value: Any, where: str) -> Any:
     accepted = (int, float) if kind is float else (kind,)
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        unit = f" in {_unit(where)}" if kind in (int, float) and _unit(where) else ""
+        unit = _in_unit(where) if kind in (int, float) else ""
         hint = "put it in quotes" if kind is str and isinstance(value, int | float) else None
         expected = _NAMES.get(kind, kind.__name__) + unit
         raise InputError("wrong type", where=where, got=repr(value), expected=expected, hint=hint)
-    if kind is float and not abs(value) <= _LARGEST:
+    if kind is float and not abs(value) <= sys.float_info.max:
         raise InputError("not finite", where=where, got=value, expected="a finite number")
     return kind(value)
 
 
-_LARGEST = np.finfo(np.float64).max
 _NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
 _READERS: dict[Any, Callable[[tuple[Any, ...], Any, str], Any]] = {
     Literal: _literal,
