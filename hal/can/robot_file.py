@@ -124,8 +124,8 @@ class RobotFile:
         distinct("motors", [motor.joint for motor in self.motors], "more than one motor for a joint")
         if IMU in known:
             raise InputError("bus name", where="buses", got=IMU, expected="another: this one stands for the IMU")
-        for motor in self.motors:
-            one_of(f"motor of {motor.joint}: bus", motor.bus, known, "unknown bus")
+        for i, motor in enumerate(self.motors):
+            one_of(f"motors[{i} {motor.joint}].bus", motor.bus, known, "unknown bus")
         for bus in self.buses:
             self._check_bus(bus)
 

@@ -111,26 +111,25 @@ class DynamixelOptions:
     def _check_ports(self) -> None:
         distinct("ports", [port.name for port in self.ports])
         distinct("devices", [port.device for port in self.ports] + [self.imu.port])
-        for port in self.ports:
-            one_of(f"port {port.name}: baud", port.baud, r.BAUDS)
+        for i, port in enumerate(self.ports):
+            one_of(f"ports[{i} {port.name}].baud", port.baud, r.BAUDS)
             if not self.on(port):
-                raise InputError("no servo", where=f"port {port.name}")
+                raise InputError("no servo", where=f"ports[{i} {port.name}]")
 
     def _check_servos(self) -> None:
         names = [port.name for port in self.ports]
         distinct("joints", [servo.joint for servo in self.servos])
         distinct("ids", [f"{servo.id} on port {servo.port}" for servo in self.servos])
-        for servo in self.servos:
-            where = f"servo of {servo.joint}"
-            one_of(where, servo.port, names, "unknown port")
-            within(f"{where}: id", servo.id, 0, MAX_ID)
+        for i, servo in enumerate(self.servos):
+            where = f"servos[{i} {servo.joint}]"
+            one_of(f"{where}.port", servo.port, names, "unknown port")
+            within(f"{where}.id", servo.id, 0, MAX_ID)
             port, model = self.ports[names.index(servo.port)], self.model(servo)
             if port.baud > model.baud_max:
-                raise InputError(
-                    "baud", where=where, got=port.baud, expected=f"at most {model.baud_max} for {model.name}"
-                )
+                expected = f"at most {model.baud_max} for {model.name}"
+                raise InputError("its port is too fast", where=where, got=f"{port.baud} baud", expected=expected)
             if port.fast_sync_read and model.fast_firmware is None:
-                raise InputError("fast_sync_read", where=f"port {port.name}", got=f"a {model.name}, which lacks it")
+                raise InputError("its port has fast_sync_read", where=where, got=f"a {model.name}, which lacks it")
 
 
 def load_dynamixel(name_or_file: str | Path) -> DynamixelOptions:

@@ -57,7 +57,7 @@ def test_the_buses_take_turns_within_a_period() -> None:
         (
             "bus: left_leg,  id:  1",
             "bus: tail, id: 1",
-            "motor of left_hip_pitch_joint: bus: unknown bus, got tail, expected one of left_leg",
+            "motors[0 left_hip_pitch_joint].bus: unknown bus, got tail, expected one of left_leg",
         ),
         ("id:  2, codec: damiao", "id:  1, codec: damiao", "motors share an identifier, got left_hip_pitch_joint and"),
         ("codec: damiao,    model: DM10010L", "codec: servo, model: DM10010L", "servo protocol, got servo"),
