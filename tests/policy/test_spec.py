@@ -5,14 +5,16 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
+from policy.inputs import CommandSpec, HeldJoint, MapSpec
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
+from policy.spec_json import spec_from_json, spec_to_json
 from tests.policy.toys import GROUP, toy_motion, toy_spec
 
 
 def test_json_keeps_every_bit():
     odd = np.array([0.1 + 0.2, 1.0 / 3.0, np.nextafter(1.0, 2.0)])
     spec = toy_spec(default_pos_rad=odd, kp=odd, action_scale=odd)
-    back = ActorSpec.from_json(spec.to_json())
+    back = spec_from_json(spec_to_json(spec))
     for name in ("default_pos_rad", "kp", "kd", "action_scale"):
         assert getattr(back, name).tolist() == getattr(spec, name).tolist()
     assert back.motion.root_height_m == 0.1 + 0.2
@@ -20,11 +22,11 @@ def test_json_keeps_every_bit():
     assert back.observations == spec.observations
     assert back.joint_names == spec.joint_names
     assert back.provenance == spec.provenance
-    assert back.to_json() == spec.to_json()
+    assert spec_to_json(back) == spec_to_json(spec)
 
 
 def test_a_spec_without_motion_survives_too():
-    assert ActorSpec.from_json(toy_spec(motion=None).to_json()).motion is None
+    assert spec_from_json(spec_to_json(toy_spec(motion=None))).motion is None
 
 
 def test_a_scalar_action_scale_is_stored_per_joint():
@@ -61,7 +63,7 @@ def test_arrays_are_copies_and_read_only():
         ({"robot": ""}, "robot: no name, got '', expected a non-empty string"),
         (
             {"schema_version": 7},
-            "schema_version: unknown schema version, got 7, expected 1; use the version of kata that exported the "
+            "schema_version: unknown schema version, got 7, expected 1 or 2; use the version of kata that exported the "
             "actor, or export it again with this one",
         ),
         (
@@ -118,11 +120,11 @@ def test_an_empty_group_is_refused():
 
 
 def edited(**changes) -> str:
-    return json.dumps(json.loads(toy_spec().to_json()) | changes)
+    return json.dumps(json.loads(spec_to_json(toy_spec())) | changes)
 
 
 def without(key: str) -> str:
-    document = json.loads(toy_spec().to_json())
+    document = json.loads(spec_to_json(toy_spec()))
     del document[key]
     return json.dumps(document)
 
@@ -138,9 +140,9 @@ TERM = {"term": "dof_pos", "lags": [0], "scale": 1.0, "clip": 100.0}
         ("[]", "actor_spec: no table, got list, expected an object"),
         (without("kp"), "actor_spec: missing fields"),
         (edited(colour="red"), "actor_spec: unknown fields, got colour"),
-        (edited(schema_version=2), "schema_version: unknown schema version, got 2, expected 1"),
-        (edited(schema_version="1"), "schema_version: unknown schema version, got '1', expected 1"),
-        (without("schema_version"), "schema_version: unknown schema version, got None, expected 1"),
+        (edited(schema_version=3), "schema_version: unknown schema version, got 3, expected 1 or 2"),
+        (edited(schema_version="1"), "schema_version: unknown schema version, got '1', expected 1 or 2"),
+        (without("schema_version"), "schema_version: unknown schema version, got None, expected 1 or 2"),
         (edited(kp=[1.0, float("nan"), 2.0]), "actor_spec: not a finite number, got NaN"),
         (edited(kp=[1.0, "2.0", 2.0]), "kp: not all numbers, got 2.0, expected a list of numbers"),
         (edited(kp=[1.0, True, 2.0]), "kp: not all numbers, got True, expected a list of numbers"),
@@ -163,14 +165,80 @@ TERM = {"term": "dof_pos", "lags": [0], "scale": 1.0, "clip": 100.0}
 )
 def test_unusable_json_is_refused(text, message):
     with pytest.raises(InputError) as caught:
-        ActorSpec.from_json(text)
+        spec_from_json(text)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
 
+COMMAND = CommandSpec("heading", ("speed_m_s", "turn_rad_s"), ((0.0, 1.5), (-1.0, 1.0)), (0.0, 0.0), 0.5)
+MAP = MapSpec("ground", (-0.4, 0.0, 0.4), (-0.2, 0.2), 1.0, 0.1)
+HELD = HeldJoint("wrist", 0.3, 20.0, 1.0)
+
+
+def test_what_schema_2_adds_survives():
+    term = ObservationTerm("reference_joint_pos", (0, 1), ticks=(1, 2, 4, 8))
+    group = ObservationGroup("obs", (term, ObservationTerm("command", of="heading")))
+    spec = toy_spec(
+        follows="any_clip", motion=None, observations=(group,), commands=(COMMAND,), maps=(MAP,), held_joints=(HELD,)
+    )
+    back = spec_from_json(spec_to_json(spec))
+    assert back.observations == (group,)
+    assert (back.follows, back.commands, back.maps, back.held_joints) == ("any_clip", (COMMAND,), (MAP,), (HELD,))
+
+
+def test_a_document_of_schema_1_is_read_as_it_was_written():
+    document = json.loads(spec_to_json(toy_spec()))
+    for name in ("follows", "commands", "maps", "held_joints"):
+        del document[name]
+    for term in document["observations"][0]["terms"]:
+        del term["ticks"], term["of"]
+    document["schema_version"] = 1
+    spec = spec_from_json(json.dumps(document))
+    assert (spec.schema_version, spec.follows, spec.held_joints) == (1, "clip", ())
+    assert spec.observations == toy_spec().observations
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"follows": "the sun"}, "follows: unknown, got 'the sun', expected clip or any_clip or commands"),
+        ({"commands": (COMMAND, COMMAND)}, "commands: given twice, got heading"),
+        ({"held_joints": (HeldJoint("hip", 0.0, 1.0, 1.0),)}, "joint_names and held_joints: given twice, got hip"),
+    ],
+)
+def test_parts_of_schema_2_that_contradict_each_other_are_refused(changes, text):
+    with pytest.raises(InputError) as caught:
+        toy_spec(**changes)
+    assert str(caught.value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda: replace(COMMAND, rest=(2.0, 0.0)),
+            "command 'heading': rest of speed_m_s: out of range, got 2.0",
+        ),
+        (lambda: replace(COMMAND, rest=(0.0,)), "command 'heading': rest: wrong length, got 1, expected 2"),
+        (
+            lambda: replace(COMMAND, timeout_s=0.0),
+            "command 'heading': timeout_s: not usable, got 0.0, expected",
+        ),
+        (lambda: replace(MAP, x_m=(0.0, 0.0)), "map 'ground': x_m: no grid, got [0.0, 0.0], expected finite numbers"),
+        (lambda: replace(MAP, max_age_s=-1.0), "map 'ground': max_age_s: not usable, got -1.0"),
+        (lambda: replace(HELD, kp=-1.0), "held joint 'wrist': kp: not usable, got -1.0, expected 0 or more"),
+        (lambda: ObservationTerm("x", ticks=(2, 1)), "observation term 'x': unusable ticks, got [2, 1]"),
+    ],
+)
+def test_unusable_parts_of_schema_2_are_refused(make, text):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert str(caught.value).startswith(text)
+
+
 def test_provenance_must_be_finite():
     with pytest.raises(InputError, match="actor_spec: cannot be written as JSON"):
-        toy_spec(provenance={"error_mm": float("nan")}).to_json()
+        spec_to_json(toy_spec(provenance={"error_mm": float("nan")}))
 
 
 def test_replace_validates_again():
@@ -179,6 +247,6 @@ def test_replace_validates_again():
 
 
 def test_every_field_is_in_the_document():
-    document = json.loads(toy_spec().to_json())
+    document = json.loads(spec_to_json(toy_spec()))
     assert set(document) == {entry.name for entry in fields(ActorSpec)}
     assert set(document["motion"]) == {entry.name for entry in fields(MotionInfo)}

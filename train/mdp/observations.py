@@ -5,17 +5,9 @@ from collections.abc import Mapping
 import torch
 
 from core.rotations import quat_conjugate, quat_rotate, quat_rotate_inverse, yaw_quat
-from policy.observation import (
-    ObservationInput,
-    gather_index,
-    num_lags,
-    pbhc_actor_group,
-    sample_clip,
-    sample_terms,
-    sample_width,
-    term_dims,
-    term_order,
-)
+from policy.layouts import pbhc_actor_group
+from policy.observation import gather_index, num_lags, sample_clip, sample_terms, sample_width, term_dims, term_order
+from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.mdp.tick import Bodies
 from train.simulation.domain import Domain

@@ -6,8 +6,8 @@ from typing import Literal
 
 from core.errors import InputError
 from core.structured import at_least, ordered, positive, within
-from policy.observation import TERMS as OBSERVATION_TERMS
 from policy.spec import MAX_LAG
+from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.rewards import DIRECT, TRACKING
 from train.simulation.domain import DomainRanges
 
