@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from motion.inverse_dynamics import generalized_motion
 from tests.train.worlds import g1, swaying_reference
-from train.base_action.feedforward import generalized_motion
 from train.base_action.horizon import Objective, Policy, Value, backward, follow
 from train.base_action.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from motion.inverse_dynamics import generalized_motion
 from motion.reference import Reference
 from robot.robot import Robot
 from robot.rotations import quat_rotate
-from train.base_action.feedforward import generalized_motion
 from train.base_action.horizon import Objective, follow
 from train.base_action.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
+from motion.inverse_dynamics import generalized_motion
 from motion.reference import Reference
 from robot.robot import Robot
 from robot.rotations import projected_gravity, quat_to_matrix
-from train.base_action.feedforward import generalized_motion
 from train.structured import at_least, positive
 
 WELD_SOLREF = (0.01, 1.0)
