@@ -1,19 +1,19 @@
 """The wrench on the root that a motion needs and that the ground cannot supply: what no robot can do on its own.
 
 Definition. Inverse dynamics (MuJoCo's mj_inverse) along the reference at the control period: velocities as the clip's,
-accelerations the differences of the velocities after a Gaussian of two ticks. At each tick the soles' points of the
-feet in contact (mask of one half or more) may push with any forces inside a friction pyramid (four edges along the
-world's x and y, friction 0.7), as long as no joint that carries them exceeds its torque limit. Of all such forces those
-count that leave the smallest wrench on the root, force (N) and torque about the root's origin (Nm) in one sum of
-squares, 1 N like 1 Nm; what is left is the residual. In the air the ground supplies nothing, and the residual is what
-free fall does not explain.
+accelerations the differences of the velocities after a Gaussian of two ticks. At each tick the sole points of the feet
+that bear may push with any forces inside a friction pyramid (four edges along the world's x and y, friction 0.7), as
+long as no joint that carries them exceeds its torque limit. Of all such forces those count that leave the smallest
+wrench on the root, force (N) and torque about the root's origin (Nm) in one sum of squares, 1 N like 1 Nm: that is the
+residual. A foot bears where its contact is one half or more, and, where no foot's is, if its sole is within 2 cm of the
+ground. In the air the ground supplies nothing: the residual is what free fall does not explain.
 
 The magnitudes of residual force and torque are averaged over consecutive half seconds from the clip's start; a rest
 that is shorter belongs to the last one. The worst half second has the largest torque and force, as a sum of squares.
 
 Example: where a resting robot's centre of mass is d outside the edge of its feet, the residual has the moment m g d
-about that edge. A little force at a long arm counts less than a torque: with the root r (in m) from the edge, the residual's
-torque is m g d / (1 + r²) and its force r times as much (in N), as long as friction allows it.
+about that edge. A little force at a long arm counts less than a torque: with the root r (in m) from the edge, the
+residual's torque is m g d / (1 + r²) and its force (in N) r times as much, as far as friction allows.
 """
 
 from dataclasses import dataclass
@@ -22,17 +22,28 @@ import mujoco
 import numpy as np
 from scipy.optimize import nnls
 
+from motion.feet import sole_points_w
 from motion.inverse_dynamics import FRICTION, generalized_motion, ground_force_map, sole_jacobians
 from motion.physics_checks import phases
 from motion.reference import Reference
+from motion.settings import read_section
 from robot.mjcf import build_spec
 from robot.robot import Robot
 
 WINDOW_S = 0.5
+NEAR_GROUND_M = 0.02
 MOST_FRICTION = 1.2
-_LIMIT_WEIGHT = 100.0  # of a torque beyond its limit, against the residual wrench
+_LIMIT_WEIGHT = 1000.0  # of a torque beyond its limit, against the residual wrench
 _TOLERANCE = 1.0  # N and Nm: over half a second 1 N changes the speed of 35 kg by 0.014 m/s
 _BISECTIONS = 8
+
+
+@dataclass(frozen=True)
+class ResidualSettings:
+    """Section `residual_wrench` of configs/motion/process.yaml; see there."""
+
+    max_torque_nm: float
+    max_force_n: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +61,17 @@ class Residual:
         """Which half second has the largest residual."""
         return int(np.hypot(self.force_n, self.torque_nm).round(2).argmax())  # where nothing is left, the first
 
-    def spans_beyond(self, torque_nm: float, force_n: float) -> list[tuple[float, float]]:
-        """From when to when (s of the clip) one of the two is larger than that."""
-        beyond = phases((self.torque_nm > torque_nm) | (self.force_n > force_n))
+    def impossible_spans_s(self, settings: ResidualSettings | None = None) -> list[tuple[float, float]]:
+        """From when to when one of the two is above its limit; `settings` by default from the configuration."""
+        limits = settings or read_section(ResidualSettings, "residual_wrench")
+        beyond = phases((self.torque_nm > limits.max_torque_nm) | (self.force_n > limits.max_force_n))
         return [(float(self.start_s[first]), float(self.end_s[end - 1])) for first, end in beyond]
 
     def __str__(self) -> str:
         worst = self.worst
         figures = f"{self.torque_nm[worst]:.1f} Nm and {self.force_n[worst]:.1f} N"
+        if figures == "0.0 Nm and 0.0 N":
+            return f"the ground can supply the whole motion ({figures} are missing)"
         return f"the ground cannot supply {figures} on the root (worst half second, from {self.start_s[worst]:.1f} s)"
 
 
@@ -81,12 +95,19 @@ def demand_of(robot: Robot, reference: Reference) -> Demand:
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     data = mujoco.MjData(model)
     wanted, jacobians = [], []
-    standing = reference.contact >= 0.5
+    bearing = bearing_feet(robot, reference)
     for tick, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(zip(*generalized_motion(reference))):
         mujoco.mj_inverse(model, data)
         wanted.append(data.qfrc_inverse.copy())
-        jacobians.append(sole_jacobians(model, data, robot, standing[tick]))
+        jacobians.append(sole_jacobians(model, data, robot, bearing[tick]))
     return Demand(reference.dt_s, np.stack(wanted), tuple(jacobians), robot.torque_limit_nm)
+
+
+def bearing_feet(robot: Robot, reference: Reference) -> np.ndarray:
+    """Which feet (T,2) may carry, as the module's text defines it."""
+    standing = reference.contact >= 0.5
+    height_m = sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz)[..., 2].min(axis=2)
+    return standing | (~standing.any(axis=1, keepdims=True) & (height_m <= NEAR_GROUND_M))
 
 
 def residual_wrench(demand: Demand, friction: float = FRICTION) -> Residual:
@@ -94,7 +115,8 @@ def residual_wrench(demand: Demand, friction: float = FRICTION) -> Residual:
     left = unsupplied(demand, np.full(len(demand.wanted), friction))
     edges = _window_edges(demand)
     force, torque = (_means(np.linalg.norm(left[:, part], axis=1), edges) for part in (slice(3), slice(3, 6)))
-    return Residual(edges[:-1] * demand.dt_s, edges[1:] * demand.dt_s, force, torque)
+    bounds_s = np.minimum(edges, len(left) - 1) * demand.dt_s
+    return Residual(bounds_s[:-1], bounds_s[1:], force, torque)
 
 
 def friction_needed(demand: Demand) -> np.ndarray:

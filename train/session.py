@@ -13,9 +13,7 @@ import torch
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
-from motion.report.warnings import WarningSettings
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
-from motion.settings import read_section
 from robot.errors import InputError
 from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
@@ -150,15 +148,14 @@ def replay_dump(path: Path) -> str:
 
 def feasibility(robot: Robot, reference: Reference) -> list[str]:
     """What the ground can give of the motion, in words: a line, and one more where no robot can do it on its own."""
-    limits, demand = read_section(WarningSettings, "warnings"), demand_of(robot, reference)
+    demand = demand_of(robot, reference)
     residual, friction = residual_wrench(demand), friction_needed(demand)
     lines = [f"forces: {residual}; friction needed: {friction.max():.2f}"]
-    spans = residual.spans_beyond(limits.max_residual_torque_nm, limits.max_residual_force_n)
-    if spans:
-        seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans)
+    seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in residual.impossible_spans_s())
+    if seconds:
         lines.append(
-            f"warning: no robot can do {seconds} of this clip on its own, so expect falls there: cut it out "
-            "(motion/process --start, --end), play it slower (--fps) or correct the recording's contacts"
+            f"warning: no robot can do {seconds} of the clip on its own exactly as recorded; expect errors or falls "
+            "there. Cut the clip (motion/process --start, --end), play it slower (--fps), or correct its contacts."
         )
     return lines
 

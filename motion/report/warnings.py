@@ -14,29 +14,25 @@ class WarningSettings:
     max_slide_m: float
     max_penetration_m: float
     max_float_m: float
-    max_residual_torque_nm: float
-    max_residual_force_n: float
 
 
 def warnings_of(figures: Mapping[str, Any], settings: WarningSettings | None = None) -> tuple[str, ...]:
     """A line for each of the `figures` (the first block of report.json) that is beyond what the ground or the joints
     allow; none without a clip, whose figures are None. `settings` by default from configs/motion/process.yaml."""
     settings = settings or read_section(WarningSettings, "warnings")
-    limits = {
-        "sliding_mm": (1e3 * settings.max_slide_m, "a standing foot slides {:.1f} mm (at most {:g})"),
-        "penetration_mm": (1e3 * settings.max_penetration_m, "a body is {:.1f} mm below the ground (at most {:g})"),
-        "floating_mm": (1e3 * settings.max_float_m, "standing feet float {:.1f} mm above the ground (at most {:g})"),
-        "residual_torque_nm": (settings.max_residual_torque_nm, "the ground cannot supply {:.1f} Nm (at most {:g})"),
-        "residual_force_n": (settings.max_residual_force_n, "the ground cannot supply {:.1f} N (at most {:g})"),
+    lengths = {
+        "sliding_mm": (settings.max_slide_m, "a standing foot slides {:.1f} mm (at most {:g})"),
+        "penetration_mm": (settings.max_penetration_m, "a body is {:.1f} mm below the ground (at most {:g})"),
+        "floating_mm": (settings.max_float_m, "standing feet float {:.1f} mm above the ground (at most {:g})"),
     }
     counts = {
         "limit_violations": "joints are outside their range {} times (frames × joints)",
         "speed_violations": "joints are faster than their limit {} times (frames × joints)",
     }
     found = [
-        text.format(figures[key], limit)
-        for key, (limit, text) in limits.items()
-        if figures[key] is not None and figures[key] > limit
+        text.format(figures[key], 1e3 * limit)
+        for key, (limit, text) in lengths.items()
+        if figures[key] is not None and figures[key] > 1e3 * limit
     ]
     found += [text.format(figures[key]) for key, text in counts.items() if figures[key]]
     return tuple(f"warning: {text}" for text in found)
