@@ -90,9 +90,10 @@ class Demand:
 
 
 def demand_of(robot: Robot, reference: Reference) -> Demand:
-    """Inverse dynamics of `reference`, without joint friction."""
+    """Inverse dynamics of `reference`, without joint friction and joint stops."""
     model = build_spec(robot, floor=False).compile()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    flags = mujoco.mjtDisableBit
+    model.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT | flags.mjDSBL_FRICTIONLOSS
     data = mujoco.MjData(model)
     wanted, jacobians = [], []
     bearing = bearing_feet(robot, reference)
