@@ -91,7 +91,9 @@ def process(request: Request, say: Say) -> Record:
         return replace(record, failure=str(error))
     own = judge((clip, robot))
     say(f"finish: {clip.num_frames} frames at {clip.fps:g} per second, {clip.duration_s:.2f} s, {_judged(own)}")
-    return replace(record, notes=notes, after=after, change=change, clip=clip, clip_verdict=own)
+    record = replace(record, notes=notes, after=after, change=change, clip=clip, clip_verdict=own)
+    say(f"forces: {record.residual}")
+    return record
 
 
 def notes_of(motion: HumanMotion | Clip) -> tuple[str, ...]:

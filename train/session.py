@@ -15,7 +15,10 @@ from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
-from motion.reference import build_reference
+from motion.reference import Reference, build_reference
+from motion.residual_wrench import demand_of, friction_needed, residual_wrench
+from robot.errors import InputError
+from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
@@ -90,6 +93,8 @@ def train(setup: Setup) -> None:
     _begin_folder(setup)
     report = RunReport(setup.run_dir, setup.document, machine_facts(config))
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
+    for line in feasibility(setup.robot, reference):
+        progress.say(line)
     base = base_action_of(
         config, setup.robot, reference,
         fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
@@ -141,6 +146,20 @@ def replay_dump(path: Path) -> str:
     if seen is None:
         return f"{recorded}; all {len(dump['actions'])} steps repeated, the environment stayed finite"
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
+
+
+def feasibility(robot: Robot, reference: Reference) -> list[str]:
+    """What the ground can give of the motion, in words: a line, and one more where no robot can do it on its own."""
+    demand = demand_of(robot, reference)
+    residual, friction = residual_wrench(demand), friction_needed(demand)
+    lines = [f"forces: {residual}; friction needed: {friction.max():.2f}"]
+    seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in residual.impossible_spans_s())
+    if seconds:
+        lines.append(
+            f"warning: no robot can do {seconds} of the clip on its own exactly as recorded; expect errors or falls "
+            "there. Cut the clip (motion/process --start, --end), play it slower (--fps), or correct its contacts."
+        )
+    return lines
 
 
 def environment_of(setup: Setup) -> TrackingEnv:

@@ -13,10 +13,12 @@ from motion.filter import Verdict, judge
 from motion.library import open_motion
 from motion.physics_checks import check_clip
 from motion.report.page import FIGURES, figure_text
-from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures
+from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures, residual_of
 from motion.report.trace import trace_clip
 from motion.report.warnings import warnings_of
 from robot.robot import Robot, load_robot
+
+UNITS = ("mm", "Nm", "N", "s")  # that a column names: the others count
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,13 @@ def find(name_or_file: str, robot: Robot, fps: float | None = None) -> Finding:
     """Judge one clip. Raises InputError when it cannot be read."""
     clip = open_motion(name_or_file, robot, csv_fps=fps)
     verdict = judge((clip, robot))
-    return Finding(name_or_file, verdict, figures(check_clip(clip, robot), trace_clip(clip, robot), verdict))
+    told = figures(check_clip(clip, robot), trace_clip(clip, robot), verdict, residual_of(clip, robot))
+    return Finding(name_or_file, verdict, told)
 
 
 def report(findings: Sequence[Finding]) -> str:
     """A table with a line a clip, and under it why clips are not trackable, warnings, and collisions."""
-    heads = ("clip", "verdict", *(f"{label} mm" if unit == "mm" else label for label, unit, _ in FIGURES.values()))
+    heads = ("clip", "verdict", *(f"{label} {unit}" if unit in UNITS else label for label, unit, _ in FIGURES.values()))
     rows = []
     for finding in findings:
         verdict = TRACKABLE if finding.verdict.stable else NOT_TRACKABLE

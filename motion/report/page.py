@@ -26,6 +26,9 @@ FIGURES = {
     "limit_violations": ("joint limits", "frames × joints", "angles outside the joint's range"),
     "speed_violations": ("joint speeds", "frames × joints", "faster than the joint's limit from frame to frame"),
     "self_collisions": ("self-collision", "frames", "two bodies more than 1 mm inside each other, by pair"),
+    "residual_torque_nm": ("residual torque", "Nm", "on the root, that the ground cannot supply, worst half second"),
+    "residual_force_n": ("residual force", "N", "with that torque"),
+    "residual_at_s": ("residual at", "s", "where that half second begins"),
 }
 
 

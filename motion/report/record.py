@@ -12,8 +12,10 @@ from motion.clip import Clip
 from motion.filter import Verdict
 from motion.human.motion import HumanMotion
 from motion.physics_checks import ClipReport, check_clip
+from motion.reference import build_reference
 from motion.report.trace import Trace, trace_clip
 from motion.report.warnings import warnings_of
+from motion.residual_wrench import Residual, demand_of, residual_wrench
 from motion.retarget.clean import Change
 from robot.robot import Robot
 
@@ -56,7 +58,7 @@ class Record:
         found = [f"input: {reason}" for reason in self.input_verdict.reasons]
         if self.clip_verdict is not None:
             found += [f"clip: {reason}" for reason in self.clip_verdict.reasons]
-        told = figures(self.checks, self.trace, self.clip_verdict)
+        told = figures(self.checks, self.trace, self.clip_verdict, self.residual)
         found += [f"clip: {warning}" for warning in warnings_of(told)]
         if self.failure is not None:
             found.append(f"no clip: {self.failure}")
@@ -77,13 +79,18 @@ class Record:
         """The written clip's figures."""
         return None if self.clip is None else check_clip(self.clip, self.robot)
 
+    @cached_property
+    def residual(self) -> Residual | None:
+        """What the ground cannot supply of the written clip."""
+        return None if self.clip is None else residual_of(self.clip, self.robot)
+
 
 def document(record: Record) -> dict[str, Any]:
     """The content of report.json. Figures are of the written clip, null where there is none."""
     return {
         "verdict": record.verdict,
         "reasons": list(record.reasons),
-        **figures(record.checks, record.trace, record.clip_verdict),
+        **figures(record.checks, record.trace, record.clip_verdict, record.residual),
         "largest_change": _change(record.change),
         "failing_frames": _failing_frames(record),
         "rules": {name: _rules(verdict) for name, verdict in verdicts(record).items()},
@@ -102,11 +109,20 @@ def document(record: Record) -> dict[str, Any]:
     }
 
 
-def figures(checks: ClipReport | None, trace: Trace | None, verdict: Verdict | None) -> dict[str, Any]:
-    """Worst frame or worst contact in mm, counts of frames x joints, frames a colliding pair; None without a clip."""
-    if checks is None or trace is None or verdict is None:
+def residual_of(clip: Clip, robot: Robot) -> Residual:
+    """What the ground cannot supply of `clip`. Raises InputError when it is shorter than a control period."""
+    return residual_wrench(demand_of(robot, build_reference(clip, robot)))
+
+
+def figures(
+    checks: ClipReport | None, trace: Trace | None, verdict: Verdict | None, residual: Residual | None
+) -> dict[str, Any]:
+    """Worst frame or worst contact in mm, counts of frames x joints, frames a colliding pair, the worst half second of
+    the residual wrench; None without a clip."""
+    if checks is None or trace is None or verdict is None or residual is None:
         keys = ("penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames")
-        return dict.fromkeys((*keys, "limit_violations", "speed_violations", "self_collisions"))
+        counts = ("limit_violations", "speed_violations", "self_collisions")
+        return dict.fromkeys((*keys, *counts, "residual_torque_nm", "residual_force_n", "residual_at_s"))
     supported = np.isfinite(verdict.distance_m)
     worst_m = float(verdict.distance_m[supported].max()) if supported.any() else None
     return {
@@ -118,6 +134,9 @@ def figures(checks: ClipReport | None, trace: Trace | None, verdict: Verdict | N
         "limit_violations": checks.position_violations,
         "speed_violations": checks.speed_violations,
         "self_collisions": checks.self_collisions,
+        "residual_torque_nm": round(float(residual.torque_nm[residual.worst]), 1),
+        "residual_force_n": round(float(residual.force_n[residual.worst]), 1),
+        "residual_at_s": float(residual.start_s[residual.worst]),
     }
 
 

@@ -5,22 +5,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
-from core.rotations import quat_rotate_inverse
+from motion.inverse_dynamics import FRICTION, SMOOTHING_TICKS, generalized_motion, ground_force_map, sole_jacobians
 from motion.reference import Reference
 from robot.robot import Robot
 
-FRICTION = 0.7
 FORCE_REGULARIZATION = 1e-3
-SMOOTHING_TICKS = 2.0
-
-
-def generalized_motion(reference: Reference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """MuJoCo coordinates of the reference: qpos (T, 7+J), qvel (T, 6+J), smoothed qacc (T, 6+J)."""
-    qpos = np.concatenate([reference.root_pos_w, reference.root_quat_wxyz, reference.joint_pos_rad], axis=1)
-    ang_vel_b = quat_rotate_inverse(reference.root_quat_wxyz, reference.root_ang_vel_w)
-    qvel = np.concatenate([reference.root_lin_vel_w, ang_vel_b, reference.joint_vel_rad_s], axis=1)
-    smooth = gaussian_filter1d(qvel, SMOOTHING_TICKS, axis=0, mode="nearest")
-    return qpos, qvel, np.gradient(smooth, reference.dt_s, axis=0)
 
 
 def feedforward_targets(model: mujoco.MjModel, robot: Robot, reference: Reference) -> np.ndarray:
@@ -47,7 +36,7 @@ def feedforward_torques(model: mujoco.MjModel, robot: Robot, reference: Referenc
     for tick, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(zip(*generalized_motion(reference))):
         mujoco.mj_inverse(model, data)
         wanted = data.qfrc_inverse.copy()
-        push = _ground_force_map(model, data, robot, reference.contact[tick] >= 0.5)
+        push = ground_force_map(sole_jacobians(model, data, robot, reference.contact[tick] >= 0.5), FRICTION)
         if push.shape[1]:
             ridge = FORCE_REGULARIZATION * np.eye(push.shape[1])
             force, _ = nnls(np.vstack([push[:6], ridge]), np.concatenate([wanted[:6], np.zeros(push.shape[1])]))
@@ -55,19 +44,3 @@ def feedforward_torques(model: mujoco.MjModel, robot: Robot, reference: Referenc
         torques[tick] = wanted[6:]
     smooth = gaussian_filter1d(torques, SMOOTHING_TICKS, axis=0, mode="nearest")
     return np.clip(smooth, -robot.torque_limit_nm, robot.torque_limit_nm)
-
-
-def _ground_force_map(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, contact: np.ndarray) -> np.ndarray:
-    """Generalised force (nv, n) of unit forces along the edges of the friction pyramids of all soles in contact."""
-    edges = np.array([[FRICTION, 0, 1], [-FRICTION, 0, 1], [0, FRICTION, 1], [0, -FRICTION, 1]])
-    columns = [np.empty((model.nv, 0))]
-    jacobian = np.empty((3, model.nv))
-    for foot, touching in zip(robot.feet, contact):
-        if not touching:
-            continue
-        body = model.body(foot).id
-        rotation = data.xmat[body].reshape(3, 3)
-        for corner in robot.sole_points_m[foot]:
-            mujoco.mj_jac(model, data, jacobian, None, data.xpos[body] + rotation @ corner, body)
-            columns.append(jacobian.T @ edges.T)
-    return np.hstack(columns)

@@ -22,7 +22,9 @@ def test_the_worst_clip_decides(standing_clip, capsys):
     high = np.tile([0.0, 0.0, 1.8], (61, 1))
     save_clip(standing_clip(61, root_pos_w=high), "high.npz")
     assert check.main(["side_kick"]) == 0
-    assert re.search(r"^side_kick  trackable  ", capsys.readouterr().out, flags=re.MULTILINE)
+    told = capsys.readouterr().out
+    assert re.search(r"^side_kick  trackable  ", told, flags=re.MULTILINE)
+    assert re.search(r"residual torque Nm +residual force N +residual at s\n.* 0\.0 +0\.0 +0\.0$", told, re.MULTILINE)
     assert check.main(["side_kick", "high.npz"]) == 1
     told = capsys.readouterr().out
     assert re.search(r"^high.npz   not trackable  ", told, flags=re.MULTILINE)

@@ -13,8 +13,9 @@ from tests.motion.report.verdicts import verdict_of
 
 KEYS = {
     "verdict", "reasons", "penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames",
-    "limit_violations", "speed_violations", "self_collisions", "largest_change", "failing_frames", "rules", "notes",
-    "input", "clip", "robot", "options", "created_by",
+    "limit_violations", "speed_violations", "self_collisions", "residual_torque_nm", "residual_force_n",
+    "residual_at_s", "largest_change", "failing_frames", "rules", "notes", "input", "clip",
+    "robot", "options", "created_by",
 }  # fmt: skip
 
 
@@ -69,6 +70,12 @@ def test_in_the_air_there_is_no_distance_but_a_count_of_frames(standing_clip, re
     assert told["airborne_frames"] == 31 and told["com_cop_mm"] is None
 
 
+def test_a_robot_that_hangs_in_the_air_lacks_all_of_its_weight(standing_clip, record_of):
+    told = document(record_of(raised(standing_clip, 1.8, contact=np.zeros((31, 2)))))
+    assert told["residual_force_n"] == pytest.approx(33.34114 * 9.81, abs=0.1)  # the mass in the robot's MJCF
+    assert told["residual_at_s"] == 0.0
+
+
 def test_the_document_has_every_key_and_is_plain_json(standing_clip, record_of):
     record = record_of(standing_clip(), input_verdict=verdict_of(31, (3, 4)))
     text = json_text(document(record))
@@ -101,7 +108,7 @@ def test_without_a_clip_there_are_no_figures(standing_clip, record_of):
     assert told.keys() == KEYS
     assert told["reasons"] == ["input: floating", "no clip: joint limits"]
     assert told["failing_frames"] == {"input": [1], "clip": None} and told["clip"] is None
-    assert all(told[key] is None for key in figures(None, None, None))
+    assert all(told[key] is None for key in figures(None, None, None, None))
     json_text(told)
 
 
@@ -124,7 +131,7 @@ def test_every_figure_beyond_its_limit_warns():
     settings = WarningSettings(max_slide_m=0.02, max_penetration_m=0.01, max_float_m=0.03)
     lengths = ("sliding_mm", "penetration_mm", "floating_mm")
     fine = dict(zip(lengths, (20.0, 10.0, 30.0), strict=True)) | {"limit_violations": 0, "speed_violations": 0}
-    assert warnings_of(fine, settings) == warnings_of(figures(None, None, None), settings) == ()
+    assert warnings_of(fine, settings) == warnings_of(figures(None, None, None, None), settings) == ()
     for key, value in fine.items():
         (warning,) = warnings_of(fine | {key: value + 1}, settings)
         assert warning.startswith("warning: ") and f" {value + 1:.0f}" in warning
