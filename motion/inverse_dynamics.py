@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from core.rotations import quat_rotate_inverse
 from motion.reference import Reference
 from robot.robot import Robot
-from robot.rotations import quat_rotate_inverse
 
 FRICTION = 0.7
 SMOOTHING_TICKS = 2.0

@@ -27,7 +27,6 @@ from motion.inverse_dynamics import FRICTION, generalized_motion, ground_force_m
 from motion.physics_checks import phases
 from motion.reference import Reference
 from motion.settings import read_section
-from robot.mjcf import build_spec
 from robot.robot import Robot
 
 WINDOW_S = 0.5
@@ -91,7 +90,7 @@ class Demand:
 
 def demand_of(robot: Robot, reference: Reference) -> Demand:
     """Inverse dynamics of `reference`, without joint friction and joint stops."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     flags = mujoco.mjtDisableBit
     model.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT | flags.mjDSBL_FRICTIONLOSS
     data = mujoco.MjData(model)

@@ -17,8 +17,6 @@ from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
-from robot.errors import InputError
-from robot.outputs import write_json, write_whole
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget

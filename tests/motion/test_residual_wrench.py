@@ -19,7 +19,6 @@ from motion.residual_wrench import (
     residual_wrench,
     unsupplied,
 )
-from robot.mjcf import build_spec
 from tests.shared_data import SHARED, needs_shared_data
 
 G = 9.81
@@ -29,7 +28,7 @@ UPRIGHT = [1.0, 0.0, 0.0, 0.0]
 
 @pytest.fixture(scope="module")
 def mass_kg(robot):
-    return float(build_spec(robot, floor=False).compile().body_mass.sum())
+    return float(robot.model.body_mass.sum())
 
 
 @pytest.fixture
@@ -113,7 +112,7 @@ def test_leaning_over_the_toes_leaves_the_moment_of_the_weight(standing_clip, ro
 
 def posed(robot, quat, joints):
     """MuJoCo's data with the root at the origin."""
-    model = build_spec(robot, floor=False).compile()
+    model = robot.model
     data = mujoco.MjData(model)
     data.qpos[:] = [0.0, 0.0, 0.0, *quat, *joints]
     mujoco.mj_kinematics(model, data)

@@ -12,9 +12,10 @@ from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from robot.robot import Robot
 from tests.train.worlds import g1, swaying_clip
-from train.base_action.feasible import NO_HELP_N, Nominal, feasible_motion
-from train.base_action.feedforward import feedforward_targets
-from train.base_action.module import BaseActionSettings, build_base_action, linearization_model
+from train.priors.feasible import NO_HELP_N, Nominal, feasible_motion
+from train.priors.feedforward import feedforward_targets
+from train.priors.module import BaseActionSettings, build_base_action, linearization_model
+from world.model import compile_model
 
 LEAN_M = 0.10  # the root glides this far forward over feet that stay: nobody can stand that way with straight legs
 

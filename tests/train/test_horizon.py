@@ -6,8 +6,8 @@ from scipy.linalg import solve_discrete_are
 
 from motion.inverse_dynamics import generalized_motion
 from tests.train.worlds import g1, swaying_reference
-from train.base_action.horizon import Objective, Policy, Value, backward, follow
-from train.base_action.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
+from train.priors.horizon import Objective, Policy, Value, backward, follow
+from train.priors.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
 
 NV, COMMANDS = 7, 7  # a root with one joint
 

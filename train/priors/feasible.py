@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from core.rotations import quat_rotate
 from motion.inverse_dynamics import generalized_motion
 from motion.reference import Reference
 from robot.robot import Robot
-from robot.rotations import quat_rotate
-from train.base_action.horizon import Objective, follow
-from train.base_action.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant
+from train.priors.horizon import Objective, follow
+from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant
 
 TARGET_COST = 10.0
 # Price of a squared unit of wrench, in the first pass and in the last.

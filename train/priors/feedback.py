@@ -9,11 +9,11 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
+from core.rotations import projected_gravity, quat_to_matrix
+from core.structured import at_least, positive
 from motion.inverse_dynamics import generalized_motion
 from motion.reference import Reference
 from robot.robot import Robot
-from robot.rotations import projected_gravity, quat_to_matrix
-from train.structured import at_least, positive
 
 WELD_SOLREF = (0.01, 1.0)
 STATIONARY_STEPS = 300
