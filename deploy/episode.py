@@ -9,14 +9,14 @@ import numpy as np
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.loop import Loop, Observer, Plan
-from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
+from deploy.control.loop import Loop, Observer, Plan
+from deploy.control.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.control.states import Request, StateMachine
+from deploy.control.tick import Tick, TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.record.recorder import FALL_HEIGHT_M, Performance, Recorder
 from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
 from deploy.settings import DeploySettings
-from deploy.states import Request, StateMachine
-from deploy.tick import Tick, TickResult
-from deploy.timing import PhaseTimer
 from hal.contract.backend import Placeable
 from hal.contract.types import RobotState
 from hal.simulated.mujoco import MujocoBackend

@@ -10,23 +10,23 @@ import numpy as np
 from core.clock import Clock, MonotonicClock, SimulatedClock
 from deploy.actor_run import ActorRun
 from deploy.actors import check_same_period, load_run
-from deploy.console import Console
+from deploy.control.loop import Loop, Observer, Plan
+from deploy.control.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.control.states import StateMachine
+from deploy.control.tick import Tick
+from deploy.control.timing import PhaseTimer
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
 from deploy.episode import Start, place_at_reference
-from deploy.log import McapLog
-from deploy.loop import Loop, Observer, Plan
-from deploy.operator import Keyboard, RequestSource, StopSignals
+from deploy.operator.console import Console
+from deploy.operator.keys import Keyboard, RequestSource, StopSignals
+from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
-from deploy.recorder import Recorder
-from deploy.remote import Gamepad, RemoteButtons
-from deploy.report import Ending, RunReport, make_report
+from deploy.record.log import McapLog
+from deploy.record.recorder import Recorder
+from deploy.record.report import Ending, RunReport, make_report
 from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
 from deploy.settings import DeploySettings, load_settings
-from deploy.states import StateMachine
-from deploy.tick import Tick
-from deploy.timing import PhaseTimer
 from hal.contract.backend import Backend, Placeable
 from hal.contract.types import DeviceInfo
 from hal.emulator.launch import Emulator, launch_emulator
@@ -39,7 +39,7 @@ from world.model import check_meshes, compile_model
 from world.options import SimOptions, load_sim_options
 
 if TYPE_CHECKING:
-    from deploy.film import Film
+    from deploy.record.film import Film
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def _perform(
             print(f"log {log.path}", flush=True)
             observers.append(log)
         if options.viewer and isinstance(setup.backend, MujocoBackend):
-            from deploy.viewing import ViewerObserver  # likewise
+            from deploy.operator.viewing import ViewerObserver
 
             window = stack.enter_context(ViewerObserver(setup.backend, recorder))
             observers.append(window)
@@ -251,7 +251,7 @@ def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: B
 
 def _new_film(path: Path, recorder: Recorder, setup: _Setup) -> "Film":
     """Drawing is an extra that a robot's computer need not have, hence the late import."""
-    from deploy.film import Film
+    from deploy.record.film import Film
 
     reference = setup.actors[0].reference
     height_m = 0.0 if reference is None else float(reference.root_pos_w[0, 2])

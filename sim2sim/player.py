@@ -7,7 +7,7 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.episode import EpisodeResult, Scene, Start, run_episode
-from deploy.recorder import Performance, Recorder
+from deploy.record.recorder import Performance, Recorder
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from deploy.actor_run import ActorRun
+from deploy.control.timing import PhaseTimer
 from deploy.options import RunOptions
-from deploy.recorder import Performance
+from deploy.record.recorder import Performance
 from deploy.safety.rules import Fault
-from deploy.timing import PhaseTimer
 from motion.metrics import METRIC_KEYS, over_episodes
 from robot.robot import Robot
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core.rotations import quat_mul, quat_rotate, yaw_of
-from deploy.states import Mode
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
+from deploy.control.states import Mode
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
 from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
 from motion.reference import Reference
