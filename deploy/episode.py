@@ -9,14 +9,13 @@ import numpy as np
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.loop import Loop, Observer, Plan
-from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
-from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.cell import Cell
+from deploy.control.loop import Observer, Plan
+from deploy.control.states import Request, StateMachine
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.record.recorder import FALL_HEIGHT_M, Performance
 from deploy.settings import DeploySettings
-from deploy.states import Request, StateMachine
-from deploy.tick import Tick, TickResult
-from deploy.timing import PhaseTimer
 from hal.contract.backend import Placeable
 from hal.contract.types import RobotState
 from hal.simulated.mujoco import MujocoBackend
@@ -53,13 +52,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """track, reference: what was done and what was asked, row by row, or None where TRACKING never began.
+    """performance: what was recorded; track, reference: done and asked, row by row. None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
     fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
     or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
     """
 
+    performance: Performance | None
     track: Track | None
     reference: Track | None
     metrics: dict[str, float | None]
@@ -84,32 +84,21 @@ def run_episode(
 
     start_noise_rad: std of a normal added to every joint position at the start.
     """
-    machine = StateMachine(
-        scene.robot, scene.stand if start is Start.STAND else None, [scene.actor], scene.settings, scene.actor.period_s
-    )
-    guard = Guard(scene.robot, scene.settings, scene.actor.period_s, report_only=scene.report_only)
-    release = BandRelease(scene.settings, scene.actor.period_s)
-    plan: Plan = Unattended(machine, release, scene.settings, scene.actor.period_s)
+    stand = scene.stand if start is Start.STAND else None
+    cell = Cell(scene.robot, scene.settings, [scene.actor], stand, report_only=scene.report_only)
     if start is Start.REFERENCE:
         place_at_reference(scene.backend, scene.actor, start_noise_rad, rng)
-        machine.start_tracking()
-        plan = OnlyTheClip(machine)
-    elif scene.stand is None:
+        plan = cell.start_tracking()
+    elif stand is None:
         raise InputError("an episode that begins with standing up needs the stand actor")
     else:
         noise = rng.normal(0.0, start_noise_rad, scene.robot.num_joints)
         scene.backend.hang(scene.robot.default_pos_rad + noise, rng=rng)
-    recorder, falls = Recorder(), FallWatch(scene.backend)
-    loop = Loop(
-        scene.backend,
-        scene.clock,
-        Tick(machine, guard),
-        plan=_UntilFall(plan, falls, machine, scene),
-        release=release,
-        observers=[recorder, falls, *observers],
-    )
-    loop.run()
-    return _result(scene, machine, guard, recorder.performance, falls.fell, plan.failure, loop.timer)
+        plan = cell.unattended()
+    falls = FallWatch(scene.backend)
+    until_fall = _UntilFall(plan, falls, cell.machine, scene)
+    cell.loop(scene.backend, scene.clock, plan=until_fall, observers=[falls, *observers]).run()
+    return _result(scene, cell, falls.fell, plan.failure)
 
 
 def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: float, rng: np.random.Generator) -> None:
@@ -152,20 +141,14 @@ class _UntilFall:
         return self._plan.requests(state)
 
 
-def _result(
-    scene: Scene,
-    machine: StateMachine,
-    guard: Guard,
-    performance: Performance | None,
-    fell: bool,
-    failure: str | None,
-    timer: PhaseTimer,
-) -> EpisodeResult:
+def _result(scene: Scene, cell: Cell, fell: bool, failure: str | None) -> EpisodeResult:
+    performance, fault = cell.recorder.performance, cell.machine.fault
     tracks = performance.tracks(scene.kinematics) if performance and performance.num_steps else (None, None)
     metrics = performance.metrics(scene.kinematics) if performance else dict.fromkeys(METRIC_KEYS)
-    tripped = machine.fault is not None
+    tripped = fault is not None
     outcome = "tripped" if tripped else "fell" if fell else "completed" if failure is None else "failed"
     return EpisodeResult(
+        performance=performance,
         track=tracks[0],
         reference=tracks[1],
         metrics=metrics,
@@ -173,7 +156,7 @@ def _result(
         num_ticks=scene.actor.num_ticks,
         fell=fell or (tripped and not scene.report_only),
         outcome=outcome,
-        fault=str(machine.fault) if tripped else failure,
-        limits=dict(guard.counts),
-        timing=timer.report(),
+        fault=str(fault) if tripped else failure,
+        limits=dict(cell.guard.counts),
+        timing=cell.timer.report(),
     )

@@ -16,6 +16,7 @@ about that edge. A little force at a long arm counts less than a torque: with th
 residual's torque is m g d / (1 + r²) and its force (in N) r times as much, as far as friction allows.
 """
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -90,7 +91,7 @@ class Demand:
 
 def demand_of(robot: Robot, reference: Reference) -> Demand:
     """Inverse dynamics of `reference`, without joint friction and joint stops."""
-    model = robot.model
+    model = copy.copy(robot.model)
     flags = mujoco.mjtDisableBit
     model.opt.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT | flags.mjDSBL_FRICTIONLOSS
     data = mujoco.MjData(model)

@@ -12,7 +12,7 @@ import numpy as np
 import onnxruntime
 
 from core.errors import InputError
-from policy.adapters import pbhc
+from policy.adapters.registry import read_foreign_spec
 from policy.graph import NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
 from policy.observation import gather_index, spec_dims
@@ -101,16 +101,12 @@ def _read_spec(
     path: Path, session: onnxruntime.InferenceSession, robot: Robot, motion: MotionInfo | None
 ) -> tuple[ActorSpec, bytes | None]:
     entries = metadata_map(session)
-    config = path.with_name("config.yaml")
     motion_npz = None
     if SPEC_KEY in entries:
         metadata = parse_metadata(entries, path)
         spec, motion_npz = metadata.spec, metadata.motion_npz
-    elif config.is_file():
-        spec = pbhc.read_spec(config, [entry.name for entry in session.get_inputs()], robot.name)
     else:
-        expected = f"metadata {SPEC_KEY!r}, or a PBHC config.yaml beside the file"
-        raise InputError("not a known kind of actor", where=path, got="neither", expected=expected)
+        spec = read_foreign_spec(path, entries, [entry.name for entry in session.get_inputs()], robot.name)
     _check_robot(path, spec, robot)
     return _with_motion(path, spec, robot, motion), motion_npz
 

@@ -7,7 +7,6 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.episode import EpisodeResult, Scene, Start, run_episode
-from deploy.recorder import Performance, Recorder
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor
@@ -47,15 +46,13 @@ class Player:
     def play(self, policy: int, episode: int) -> EpisodeScore:
         """One episode of one policy; depends on nothing that was played before."""
         request = self.request
-        recorder = Recorder()
         result = run_episode(
             self._scenes[policy],
             request.generator(episode),
             start=Start(request.start),
             start_noise_rad=request.start_noise_rad,
-            observers=[recorder],
         )
-        return score_of(result, recorder.performance)
+        return score_of(result)
 
     def _scene(self, run: ActorRun) -> Scene:
         request, options, clock = self.request, self.request.sim_options(), SimulatedClock()
@@ -80,11 +77,12 @@ class Player:
         )
 
 
-def score_of(result: EpisodeResult, performance: Performance | None) -> EpisodeScore:
+def score_of(result: EpisodeResult) -> EpisodeScore:
     """What tables and plots need of a played episode."""
     ended = "completed"
     if result.fell or result.outcome == "failed":
         ended = "fall" if result.fault is None else result.fault.partition(":")[0]
+    performance = result.performance
     if performance is None or result.track is None or result.reference is None:
         nothing = np.zeros((0, 1), dtype=np.float32)
         return EpisodeScore(result.metrics, ended, nothing, nothing, nothing, nothing)

@@ -6,27 +6,14 @@ virtual://CHANNEL                inside one process
 slcan:///dev/pts/N               a serial adapter
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from core.errors import InputError
 
-if TYPE_CHECKING:
-    from hal.can.robot_file import BusEntry
-
 EMULATED_AS = ("socketcand", "udp_multicast", "virtual", "slcan")
 ECHOING = ("udp_multicast",)
 ENDPOINT = "endpoint"
-
-
-def bus_arguments(bus: "BusEntry") -> dict[str, Any]:
-    """Keywords for `can.Bus`. Raises InputError on an endpoint that cannot be read."""
-    if bus.interface == ENDPOINT:
-        return endpoint_arguments(bus.channel, bitrate=bus.bitrate, fd=bus.fd)
-    arguments: dict[str, Any] = {"interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate}
-    if bus.fd:
-        arguments |= {"fd": True, "data_bitrate": bus.data_bitrate}
-    return arguments | bus.options
 
 
 def endpoint_arguments(endpoint: str, *, bitrate: int, fd: bool) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from core.names import check_same_names
 from core.structured import distinct, one_of, positive, within
 from hal.can.codec import Codec
 from hal.can.codecs import make_codec
-from hal.can.endpoints import EMULATED_AS, bus_arguments
+from hal.can.endpoints import EMULATED_AS, ENDPOINT, endpoint_arguments
 from hal.can.frame import IdFilter
 from hal.contract.joint_map import JointMap
 from hal.imu.options import ImuOptions
@@ -55,8 +55,13 @@ class BusEntry:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What python-can's `Bus` is to be opened with."""
-        return bus_arguments(self)
+        """What python-can's `Bus` is to be opened with. Raises InputError on an endpoint that cannot be read."""
+        if self.interface == ENDPOINT:
+            return endpoint_arguments(self.channel, bitrate=self.bitrate, fd=self.fd)
+        arguments: dict[str, Any] = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
+        if self.fd:
+            arguments |= {"fd": True, "data_bitrate": self.data_bitrate}
+        return arguments | self.options
 
 
 @dataclass(frozen=True)
@@ -169,9 +174,7 @@ class RobotFile:
         if unknown := sorted(set(endpoints) - set(known)):
             raise InputError("unknown wire", got=", ".join(unknown), expected=f"some of {', '.join(known)}")
         buses = tuple(
-            replace(bus, interface="endpoint", channel=endpoints[bus.name], options={})
-            if bus.name in endpoints
-            else bus
+            replace(bus, interface=ENDPOINT, channel=endpoints[bus.name], options={}) if bus.name in endpoints else bus
             for bus in self.buses
         )
         imu = self.imu

@@ -7,7 +7,7 @@ holds the ticks before this one, newest first, and is ordered alphabetically ins
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,8 +19,20 @@ from core.structured import parse, pick, positive, within
 from policy.observation import check_terms
 from policy.spec import MAX_LAG, ActorSpec, ObservationGroup, ObservationTerm
 
+KIND = "a PBHC config.yaml beside the file"
 
-def read_spec(config_path: Path, input_names: Sequence[str], robot_name: str) -> ActorSpec:
+
+def recognises(path: Path, entries: Mapping[str, str], inputs: Sequence[str]) -> bool:
+    """See Adapter."""
+    return path.with_name("config.yaml").is_file()
+
+
+def read_spec(path: Path, entries: Mapping[str, str], inputs: Sequence[str], robot_name: str) -> ActorSpec:
+    """See Adapter; the file tells of no motion."""
+    return read_config(path.with_name("config.yaml"), inputs, robot_name)
+
+
+def read_config(config_path: Path, input_names: Sequence[str], robot_name: str) -> ActorSpec:
     """The spec, still without a motion, of the actor beside ``config_path``.
 
     ``input_names`` are the graph's inputs, each an entry of ``obs.obs_dict``. InputError naming file and

@@ -6,7 +6,7 @@ import yaml
 
 from core.errors import InputError
 from policy.actor import load_actor
-from policy.adapters.pbhc import read_spec
+from policy.adapters.pbhc import read_config
 from policy.controller import PolicyController
 from policy.layouts import pbhc_actor_group
 from policy.observation import gather_index, term_dims
@@ -66,7 +66,7 @@ def with_value(key: str, value) -> dict:
 
 def test_a_config_becomes_a_spec(tmp_path):
     write_config(tmp_path, small_config())
-    spec = read_spec(tmp_path / "config.yaml", ["actor_obs"], "toy")
+    spec = read_config(tmp_path / "config.yaml", ["actor_obs"], "toy")
     assert spec.joint_names == ("hip", "knee", "ankle")
     assert spec.default_pos_rad.tolist() == [-0.1, 0.3, -0.2]
     assert spec.kp.tolist() == [100.0, 150.0, 40.0]
@@ -144,7 +144,7 @@ def test_the_actor_beside_it_loads_with_a_motion_only(tmp_path):
 def test_an_unusable_config_is_refused(tmp_path, key, value, text):
     write_config(tmp_path, with_value(key, value))
     with pytest.raises(InputError) as caught:
-        read_spec(tmp_path / "config.yaml", ["actor_obs"], "toy")
+        read_config(tmp_path / "config.yaml", ["actor_obs"], "toy")
     assert str(caught.value).startswith(f"{tmp_path / 'config.yaml'}: {text}")
 
 
@@ -154,14 +154,14 @@ def test_an_unknown_term_of_theirs_is_refused(tmp_path):
     write_config(tmp_path, config)
     text = r"unknown observation term, got dif_joint_pos, expected one of actions, base_ang_vel, "
     with pytest.raises(InputError, match=text):
-        read_spec(tmp_path / "config.yaml", ["actor_obs"], "toy")
+        read_config(tmp_path / "config.yaml", ["actor_obs"], "toy")
 
 
 @pytest.mark.parametrize("content", [b"a: [", b"\xff\xfe\x00", b"a: 1\na: 2", b"!!python/object/apply:os.getcwd []"])
 def test_a_config_that_is_no_yaml_is_refused(tmp_path, content):
     (tmp_path / "config.yaml").write_bytes(content)
     with pytest.raises(InputError) as caught:
-        read_spec(tmp_path / "config.yaml", ["actor_obs"], "toy")
+        read_config(tmp_path / "config.yaml", ["actor_obs"], "toy")
     assert str(caught.value).startswith(f"{tmp_path / 'config.yaml'}: not a readable YAML file, got ")
     assert "\n" not in str(caught.value)
 
@@ -169,12 +169,12 @@ def test_a_config_that_is_no_yaml_is_refused(tmp_path, content):
 def test_a_config_that_is_a_list_is_refused(tmp_path):
     (tmp_path / "config.yaml").write_text("[1, 2]")
     with pytest.raises(InputError, match=r"config\.yaml: wrong type, got a list, expected a mapping"):
-        read_spec(tmp_path / "config.yaml", ["actor_obs"], "toy")
+        read_config(tmp_path / "config.yaml", ["actor_obs"], "toy")
 
 
 @needs_shared_data
 def test_the_released_config_is_the_layout_of_the_design():
-    spec = read_spec(RELEASE / "config.yaml", ["actor_obs"], "g1_23dof")
+    spec = read_config(RELEASE / "config.yaml", ["actor_obs"], "g1_23dof")
     assert spec.observations == (pbhc_actor_group(),)
     assert len(gather_index(spec.observations[0], term_dims(23))) == 380
     robot = load_robot()

@@ -9,14 +9,14 @@ from mcap.reader import make_reader
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actors import load_run
+from deploy.control.loop import Loop
+from deploy.control.sequence import OnlyTheClip
+from deploy.control.states import StateMachine
+from deploy.control.tick import Tick
 from deploy.episode import place_at_reference
-from deploy.log import CHANNELS, McapLog
-from deploy.loop import Loop
-from deploy.replay_log import first_difference, main, read_ticks, ticks_of
+from deploy.record.log import CHANNELS, McapLog
+from deploy.record.replay_log import first_difference, main, read_ticks, ticks_of
 from deploy.safety.guard import Guard
-from deploy.sequence import OnlyTheClip
-from deploy.states import StateMachine
-from deploy.tick import Tick
 from hal.open import open_backend
 from tests.deploy.toys import GRAVITY_X, KNEE, PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
@@ -76,7 +76,7 @@ def test_ticks_are_complete_and_in_order(logged):
 def test_what_is_not_a_number_is_null(tmp_path):
     run_tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
     bad = state(imu_ang_vel_b=np.array([0.0, np.nan, np.inf]), temperature_c=None)
-    from deploy.timing import PhaseTimer
+    from deploy.control.timing import PhaseTimer
 
     with McapLog(tmp_path, ROBOT, {}, may_wait=True) as log:
         log(bad, run_tick(bad), PhaseTimer())

@@ -12,7 +12,7 @@ from deploy.safety.rules import Wish, make_sample, tilt_rad
 from hal.contract.types import DeviceFault, LinkLost
 from tests.deploy.toys import JOINTS, KNEE, PERIOD_S, ROBOT, SETTINGS, state, tilted, with_joint
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def new_guard(**changes) -> Guard:

@@ -9,9 +9,9 @@ import enum
 from collections.abc import Callable, Sequence
 
 from deploy.actor_run import ActorRun
+from deploy.control.stand_up import StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
-from deploy.stand_up import StandUp
 from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot

@@ -1,0 +1,1 @@
+"""Who asks for what, and what they see of a run: keys, remote, console, viewer."""

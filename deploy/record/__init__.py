@@ -1,0 +1,1 @@
+"""What a run leaves behind: recording, log, its replay, film, report."""
