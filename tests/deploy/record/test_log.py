@@ -120,11 +120,11 @@ def test_a_state_that_was_altered_is_named(logged, field, place, term):
     ticks, joint_names = read_ticks(logged[0])
     assert joint_names == ROBOT.joint_names
     ticks[7].state[field][place] += 0.01
-    difference = first_difference(run.actor, ROBOT, ticks, 1e-5)
+    difference = first_difference(run, ROBOT, ticks, 1e-5)
     assert (difference.tick, difference.term) == (7, term)
     ticks[7].state[field][place] -= 0.01
     ticks[9].observation["groups"]["obs"][6 + KNEE] += 1.0
-    difference = first_difference(run.actor, ROBOT, ticks, 1e-5)
+    difference = first_difference(run, ROBOT, ticks, 1e-5)
     assert (difference.tick, difference.term) == (9, "actions[0] left_knee_joint")
 
 
