@@ -16,7 +16,8 @@ T = TypeVar("T")
 def parse(kind: type[T], section: Any, where: str) -> T:
     """Build the dataclass ``kind`` from plain data.
 
-    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, int, float, bool and str.
+    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, ``X | tuple``, int, float,
+    bool and str.
 
     Raises:
         InputError: an unknown or missing key, or a value that does not fit, named by its full path.
@@ -89,7 +90,9 @@ def _literal(choices: tuple[Any, ...], value: Any, where: str) -> Any:
 def _union(kinds: tuple[Any, ...], value: Any, where: str) -> Any:
     if value is None and type(None) in kinds:
         return None
-    return _value(next(kind for kind in kinds if kind is not type(None)), value, where)
+    others = [kind for kind in kinds if kind is not type(None)]
+    fitting = (kind for kind in others if isinstance(value, list | tuple) == (get_origin(kind) is tuple))
+    return _value(next(fitting, others[0]), value, where)
 
 
 def _dict(kinds: tuple[Any, ...], value: Any, where: str) -> dict[str, Any]:

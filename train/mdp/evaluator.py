@@ -67,7 +67,7 @@ def whole_clip(settings: EnvironmentSettings, reference: Reference) -> dict[str,
         settings,
         randomization=replace(settings.randomization, nominal_share=0.0),
         start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
-        termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
+        termination=TerminationSettings(terms={"tilt": {"limit": 2.0}, "height": {"min_m": height}}, max_episode_s=1e9),
         anchor_time_s=None,
     )
     none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
