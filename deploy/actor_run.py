@@ -33,8 +33,9 @@ class ActorRun:
         self.period_s = spec.control_period_s
         self.duration_s = spec.motion.duration_s
         self.num_ticks = math.floor(self.duration_s / self.period_s + 1e-9)
-        order = [spec.joint_names.index(name) for name in robot.joint_names]
-        self.start_pose_rad = np.asarray(spec.motion.start_joint_pos_rad, dtype=np.float64)[order]
+        pose = dict(zip(spec.joint_names, spec.motion.start_joint_pos_rad))
+        pose |= {joint.name: joint.pos_rad for joint in spec.held_joints}
+        self.start_pose_rad = np.array([pose[name] for name in robot.joint_names], dtype=np.float64)
         self.tick = 0
         self._controller = PolicyController(actor, robot)
         self._entry = entry
@@ -52,11 +53,12 @@ class ActorRun:
 
     def act(self, state: RobotState, lap: Callable[[str], None] | None = None) -> PolicyOutput:
         """One control tick at phase min(1, k dt / duration)."""
-        phase = min(1.0, self.tick * self.period_s / self.duration_s)
+        tick, phase = self.tick, min(1.0, self.tick * self.period_s / self.duration_s)
         self.tick += 1
         return self._controller.act(
-            state.imu_quat_wxyz, state.imu_ang_vel_b, state.joint_pos_rad, state.joint_vel_rad_s, phase, lap
-        )
+            state.imu_quat_wxyz, state.imu_ang_vel_b, state.joint_pos_rad, state.joint_vel_rad_s, phase, lap,
+            reference=self.reference, tick=tick,
+        )  # fmt: skip
 
     def obstacle(self, state: RobotState) -> str | None:
         """Why this actor may not take over from this state, or None where it may."""

@@ -5,31 +5,20 @@ from pathlib import Path
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.settings import EntrySettings
-from motion.clip import Clip, clip_from_bytes
+from motion.clip import clip_from_bytes
 from motion.library import open_motion
 from motion.reference import build_reference, joint_columns
 from policy.actor import load_actor
-from policy.spec import MotionInfo
+from policy.spec import motion_info
 from robot.robot import Robot
-
-
-def motion_info(clip: Clip, name: str, robot: Robot) -> MotionInfo:
-    """What an actor's spec says about a clip; the pose in the robot's joint order."""
-    return MotionInfo(
-        name=name,
-        fps=clip.fps,
-        num_frames=clip.num_frames,
-        duration_s=clip.duration_s,
-        sha256=clip.sha256,
-        root_height_m=float(clip.root_pos_w[0, 2]),
-        start_joint_pos_rad=clip.joint_pos_rad[0, joint_columns(clip, robot)],
-    )
 
 
 def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
     """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit."""
     clip = None if motion is None else open_motion(motion, robot)
-    info = None if clip is None else motion_info(clip, Path(str(motion)).stem, robot)
+    info = None
+    if clip is not None:
+        info = motion_info(clip, Path(str(motion)).stem, clip.joint_pos_rad[0, joint_columns(clip, robot)])
     actor = load_actor(policy, robot, info)
     if clip is None and actor.motion_npz is not None:
         clip = clip_from_bytes(actor.motion_npz, f"{actor.path}: motion")

@@ -18,7 +18,7 @@ from deploy.actors import load_run
 from deploy.settings import load_settings
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
-from policy.observation import term_dims
+from policy.observation import entry_size, spec_dims
 from policy.spec import ActorSpec
 from robot.robot import Robot, load_robot
 
@@ -139,10 +139,11 @@ def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput
 
 
 def _labels(terms: Sequence[Any], spec: ActorSpec) -> list[str]:
-    dims = term_dims(spec.num_joints)
+    dims = spec_dims(spec)
     labels = []
     for term in terms:
-        parts = spec.joint_names if dims[term.term] == spec.num_joints else [str(i) for i in range(dims[term.term])]
+        size = entry_size(term, dims)
+        parts = spec.joint_names if size == spec.num_joints else [str(i) for i in range(size)]
         labels += [f"{term.term}[{lag}] {part}" for lag in term.lags for part in parts]
     return labels
 

@@ -6,15 +6,16 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import onnxruntime
 
 from core.errors import InputError
 from policy.adapters import pbhc
+from policy.graph import NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
-from policy.observation import check_terms, gather_index, term_dims
+from policy.observation import gather_index, spec_dims
 from policy.session import ORT_ERRORS, one_line, open_session
 from policy.spec import ActorSpec, MotionInfo
 from robot.robot import Robot
@@ -22,20 +23,40 @@ from robot.robot import Robot
 ACTORS_DIR = Path(__file__).parent / "actors"
 
 
+class Inference(NamedTuple):
+    """The graph's raw action (J,) float32, as it comes, and the state (n,) by name for the next tick."""
+
+    action: np.ndarray
+    state: dict[str, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """A loaded actor. ``sha256`` is that of the file; ``motion_npz`` the clip inside it, if any."""
+    """A loaded actor. ``sha256`` is that of the file; ``motion_npz`` the clip inside it, if any.
+
+    ``action_name``: the graph's output that is the action. ``state_sizes``: what the graph carries from tick to tick,
+    by name; it comes in as ``state.NAME`` and goes out as ``next_state.NAME``.
+    """
 
     spec: ActorSpec
     sha256: str
     motion_npz: bytes | None
     path: Path
     session: onnxruntime.InferenceSession
+    action_name: str
+    state_sizes: Mapping[str, int]
 
-    def infer(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The graph's raw output (J,) float32, as it comes, for one (n,) array per observation group."""
+    def infer(self, observations: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray] | None = None) -> Inference:
+        """One tick: (n,) arrays per observation group and per name of ``state_sizes``; None: those of the start."""
         feed = {name: np.asarray(values, np.float32)[None] for name, values in observations.items()}
-        return self.session.run(None, feed)[0].reshape(-1)
+        carried = self.start_state() if state is None else state
+        feed |= {STATE + name: values[None] for name, values in carried.items()}
+        action, *following = self.session.run([self.action_name, *map(NEXT_STATE.__add__, self.state_sizes)], feed)
+        return Inference(action.reshape(-1), {n: v.reshape(-1) for n, v in zip(self.state_sizes, following)})
+
+    def start_state(self) -> dict[str, np.ndarray]:
+        """What the graph carries before its first tick: zeros."""
+        return {name: np.zeros(size, np.float32) for name, size in self.state_sizes.items()}
 
 
 def bundled_actors() -> list[str]:
@@ -57,8 +78,8 @@ def load_actor(name_or_file: str | Path, robot: Robot, motion: MotionInfo | None
         raise InputError(f"cannot be read ({error.strerror})", where=path) from error
     session = open_session(content, path)
     spec, motion_npz = _read_spec(path, session, robot, motion)
-    _check_graph(path, spec, session)
-    actor = Actor(spec, hashlib.sha256(content).hexdigest(), motion_npz, path, session)
+    action_name, states = check_graph(path, spec, session)
+    actor = Actor(spec, hashlib.sha256(content).hexdigest(), motion_npz, path, session, action_name, states)
     _try_out(actor)
     return actor
 
@@ -95,8 +116,10 @@ def _read_spec(
 
 
 def _check_robot(path: Path, spec: ActorSpec, robot: Robot) -> None:
-    missing = [name for name in spec.joint_names if name not in robot.joint_names]
-    extra = [name for name in robot.joint_names if name not in spec.joint_names]
+    """Moved and held joints together are the robot's."""
+    known = (*spec.joint_names, *(joint.name for joint in spec.held_joints))
+    missing = [name for name in known if name not in robot.joint_names]
+    extra = [name for name in robot.joint_names if name not in known]
     if missing or extra:
         parts = [f"the robot lacks {', '.join(missing)}"] if missing else []
         parts += [f"the actor lacks {', '.join(extra)}"] if extra else []
@@ -111,13 +134,16 @@ def _check_robot(path: Path, spec: ActorSpec, robot: Robot) -> None:
 
 
 def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo | None) -> ActorSpec:
+    if spec.follows == "commands":
+        if motion is not None:
+            raise InputError("this actor follows commands, not a motion", where=path, hint="leave --motion out")
+        return spec
     if spec.motion is None and motion is None:
         raise InputError("this actor carries no reference motion: give --motion", where=path)
     if motion is None:
         return spec
     if spec.motion is None:
-        to_actor = np.argsort(robot.joint_index(spec.joint_names))
-        pose = motion.start_joint_pos_rad[to_actor]
+        pose = motion.start_joint_pos_rad[[robot.joint_names.index(name) for name in spec.joint_names]]
         return replace(spec, motion=replace(motion, start_joint_pos_rad=pose))
     if spec.motion.sha256 != motion.sha256:
         raise InputError(
@@ -130,41 +156,12 @@ def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo |
     return spec
 
 
-def _check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSession) -> None:
-    for group in spec.observations:
-        check_terms(group, str(path))
-    inputs = {entry.name: entry for entry in session.get_inputs()}
-    names = [group.name for group in spec.observations]
-    if set(inputs) != set(names):
-        got, expected = ", ".join(inputs), f"the spec's observation groups {', '.join(names)}"
-        raise InputError("graph inputs differ from the spec", where=path, got=got, expected=expected)
-    for group in spec.observations:
-        size = len(gather_index(group, term_dims(spec.num_joints)))
-        _check_tensor(f"{path}: graph input {group.name!r}", inputs[group.name], size, "the spec's layout")
-    outputs = session.get_outputs()
-    if len(outputs) != 1:
-        got = ", ".join(entry.name for entry in outputs)
-        raise InputError("graph outputs differ from the spec", where=path, got=got, expected="one, the action")
-    where = f"{path}: graph output {outputs[0].name!r}"
-    _check_tensor(where, outputs[0], spec.num_joints, "the spec's joints")
-
-
-def _check_tensor(where: str, tensor: Any, size: int, source: str) -> None:
-    """``tensor`` must be float32 (1 or free, ``size`` or free); the trial run settles what is free."""
-    if tensor.type != "tensor(float)":
-        raise InputError("wrong type", where=where, got=tensor.type, expected="tensor(float)")
-    shape = list(tensor.shape)
-    fixed = [[1, size][axis] == dim for axis, dim in enumerate(shape[:2]) if isinstance(dim, int)]
-    if len(shape) != 2 or not all(fixed):
-        raise InputError("wrong size", where=where, got=shape, expected=f"[1, {size}] by {source}")
-
-
 def _try_out(actor: Actor) -> None:
     spec = actor.spec
-    dims = term_dims(spec.num_joints)
+    dims = spec_dims(spec)
     zeros = {group.name: np.zeros(len(gather_index(group, dims)), np.float32) for group in spec.observations}
     try:
-        action = actor.infer(zeros)
+        action = actor.infer(zeros, actor.start_state()).action
     except ORT_ERRORS as error:
         raise InputError(f"the graph does not run ({one_line(error)})", where=actor.path) from error
     if action.shape != (spec.num_joints,):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from core.errors import InputError
 from policy.action import decode_action
 from policy.actor import Actor
 from policy.history import ObservationHistory
-from policy.observation import ObservationInput, sample_terms, term_dims
+from policy.observation import sample_terms, spec_dims, window_ticks
+from policy.reference import ReferenceRows, ReferenceWindow, heading_difference_rad, window_at
+from policy.terms import ObservationInput
 from robot.robot import Robot
 
 
@@ -29,35 +32,48 @@ class PolicyOutput:
     observation: dict[str, np.ndarray]  # (n,) float32 each
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """The latest values (n,) of a command or a map, and how old they are."""
+
+    values: np.ndarray
+    age_s: float
+
+
 class PolicyController:
-    """Runs ``actor`` on ``robot`` and keeps what an actor remembers: history and raw last action.
+    """Runs ``actor`` on ``robot`` and keeps what an actor remembers: history, raw last action, the graph's own state.
 
     A state that is not finite gives an action of NaN, whatever the graph or the clipping would make of
-    it, so that the safety rule on actions sees it; from then on only ``reset`` helps.
-    InputError if the joint names of actor and robot differ.
+    it, so that the safety rule on actions sees it; from then on only ``reset`` helps. A map that is missing or too old
+    does the same; a command that is missing or too old is at rest.
     """
 
     def __init__(self, actor: Actor, robot: Robot) -> None:
         spec = actor.spec
-        if set(spec.joint_names) != set(robot.joint_names):
-            differing = ", ".join(sorted(set(spec.joint_names) ^ set(robot.joint_names)))
+        names = (*spec.joint_names, *(joint.name for joint in spec.held_joints))
+        if set(names) != set(robot.joint_names):
+            differing = ", ".join(sorted(set(names) ^ set(robot.joint_names)))
             raise InputError("the joints of actor and robot differ", where=actor.path, got=differing)
         self.actor = actor
-        self._to_robot = robot.joint_index(spec.joint_names)
-        self._to_actor = np.argsort(self._to_robot)
-        dims = term_dims(spec.num_joints)
+        self._to_robot = robot.joint_index(names)
+        self._to_actor = np.argsort(self._to_robot)[: spec.num_joints]
+        dims = spec_dims(spec)
         self._histories = {
             group.name: ObservationHistory(group, dims, spec.history_start) for group in spec.observations
         }
-        self._kp = self._robot_order(spec.kp)
-        self._kd = self._robot_order(spec.kd)
-        self._last_action = np.zeros(spec.num_joints)
+        self.window_ticks = window_ticks(spec.observations)
+        self._kp = self._robot_order(spec.kp, [joint.kp for joint in spec.held_joints])
+        self._kd = self._robot_order(spec.kd, [joint.kd for joint in spec.held_joints])
+        self._held_rad = [joint.pos_rad for joint in spec.held_joints]
+        self.reset()
 
     def reset(self) -> None:
-        """Forget the past: history as the spec starts it, last action zero."""
+        """Forget the past: history as the spec starts it, last action and the graph's state zero, heading open."""
         for history in self._histories.values():
             history.reset()
         self._last_action = np.zeros(self.actor.spec.num_joints)
+        self._state = self.actor.start_state()
+        self._turn_rad: float | None = None
 
     def act(
         self,
@@ -67,26 +83,35 @@ class PolicyController:
         joint_vel_rad_s: np.ndarray,
         phase: float,
         lap: Callable[[str], None] | None = None,
+        *,
+        reference: ReferenceRows | None = None,
+        tick: int = 0,
+        given: Mapping[str, Given] = MappingProxyType({}),
     ) -> PolicyOutput:
         """One control tick. (4,), (3,) rad/s in the base frame, (J,), (J,) and the motion phase in [0, 1].
 
-        ``lap`` is called with "observe" and "infer" as these parts end, for whoever times them.
+        ``lap`` is called with "observe" and "infer" as these parts end, for whoever times them. ``reference``: the
+        clip, for an actor that looks ahead, and the ``tick`` of it that is now; its heading becomes the robot's at the
+        first call after ``reset``. ``given``: commands and maps by name.
         """
         spec = self.actor.spec
+        base_quat = np.asarray(base_quat_wxyz, np.float64)
         state = ObservationInput(
-            base_quat_wxyz=np.asarray(base_quat_wxyz, np.float64),
+            base_quat_wxyz=base_quat,
             base_ang_vel_b=np.asarray(base_ang_vel_b, np.float64),
             joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
             joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
             last_action=self._last_action,
             phase=np.array([phase], np.float64),
             default_pos_rad=spec.default_pos_rad,
+            reference=self._window(base_quat, reference, tick),
+            given=self._given(given),
         )
         samples = {name: sample_terms(history.terms, state) for name, history in self._histories.items()}
         observation = {name: self._histories[name].push(sample) for name, sample in samples.items()}
         if lap is not None:
             lap("observe")
-        action = self.actor.infer(observation)
+        action, self._state = self.actor.infer(observation, self._state)
         if lap is not None:
             lap("infer")
         if not all(np.isfinite(sample).all() for sample in samples.values()):
@@ -94,14 +119,38 @@ class PolicyController:
         self._last_action = action.astype(np.float64)
         target = decode_action(self._last_action, spec.default_pos_rad, spec.action_scale, spec.action_clip)
         return PolicyOutput(
-            action=self._robot_order(action),
-            target_rad=self._robot_order(target),
+            action=self._robot_order(action, np.zeros(len(self._held_rad))),
+            target_rad=self._robot_order(target, self._held_rad),
             kp=self._kp,
             kd=self._kd,
             observation=observation,
         )
 
-    def _robot_order(self, values: np.ndarray) -> np.ndarray:
-        ordered = values[self._to_robot]
+    def _window(self, base_quat: np.ndarray, reference: ReferenceRows | None, tick: int) -> ReferenceWindow | None:
+        if not self.window_ticks or reference is None:
+            return None
+        if self._turn_rad is None:
+            here = min(tick, len(reference.root_quat_wxyz) - 1)
+            self._turn_rad = heading_difference_rad(base_quat, reference.root_quat_wxyz[here])
+        return window_at(reference, tick, self.window_ticks, self._to_actor, self._turn_rad)
+
+    def _given(self, given: Mapping[str, Given]) -> dict[str, np.ndarray]:
+        """What is in force of commands and maps."""
+        values = {}
+        for command in self.actor.spec.commands:
+            latest = given.get(command.name)
+            fresh = latest is not None and latest.age_s <= command.timeout_s
+            values[command.name] = np.asarray(latest.values if latest and fresh else command.rest, np.float64)
+        for grid in self.actor.spec.maps:
+            latest = given.get(grid.name)
+            if latest is None or not latest.age_s <= grid.max_age_s:
+                values[grid.name] = np.full(len(grid.x_m) * len(grid.y_m), np.nan)
+            else:
+                values[grid.name] = np.clip(np.asarray(latest.values, np.float64), -grid.clip_m, grid.clip_m)
+        return values
+
+    def _robot_order(self, moved: np.ndarray, held: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Values of moved and held joints (J,) in the robot's order."""
+        ordered = np.concatenate([moved, held]).astype(moved.dtype)[self._to_robot]
         ordered.setflags(write=False)
         return ordered

@@ -18,6 +18,7 @@ from core.errors import InputError
 from core.files import write_whole
 from policy.session import open_session
 from policy.spec import ActorSpec
+from policy.spec_json import spec_from_json, spec_to_json
 
 SPEC_KEY = "actor_spec"
 MOTION_KEY = "motion_npz"
@@ -41,7 +42,7 @@ def write_metadata(onnx_path: str | Path, spec: ActorSpec, motion_npz: bytes | N
     path = Path(onnx_path)
     if motion_npz is not None and spec.motion is None:
         raise InputError("a clip without its description", where=path, expected="spec.motion beside motion_npz")
-    entries = {SPEC_KEY: spec.to_json()} | community_keys(spec)
+    entries = {SPEC_KEY: spec_to_json(spec)} | community_keys(spec)
     if motion_npz is not None:
         entries[MOTION_KEY] = base64.b64encode(motion_npz).decode("ascii")
         entries[MOTION_SHA256_KEY] = hashlib.sha256(motion_npz).hexdigest()
@@ -69,7 +70,7 @@ def parse_metadata(entries: Mapping[str, str], where: str | Path) -> ActorMetada
         got = ", ".join(sorted(entries)) or "no metadata"
         raise InputError("not an actor of this project", where=where, got=got, expected=f"metadata {SPEC_KEY!r}")
     try:
-        return ActorMetadata(ActorSpec.from_json(entries[SPEC_KEY]), _motion_bytes(entries))
+        return ActorMetadata(spec_from_json(entries[SPEC_KEY]), _motion_bytes(entries))
     except InputError as error:
         raise InputError(str(error), where=where) from error
 

@@ -19,9 +19,9 @@ import torch
 from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
 from motion.reference import joint_columns
+from policy.layouts import pbhc_actor_group
 from policy.metadata import write_metadata
-from policy.observation import pbhc_actor_group
-from policy.spec import ActorSpec, MotionInfo
+from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 from train.learner.networks import Actor
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
@@ -47,16 +47,6 @@ def actor_spec(
     robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any], older_lags: tuple[int, ...] = ()
 ) -> ActorSpec:
     """What the file says about the actor; joints in the robot's order."""
-    start = clip.joint_pos_rad[0, joint_columns(clip, robot)]
-    motion = MotionInfo(
-        name=motion_name,
-        fps=clip.fps,
-        num_frames=clip.num_frames,
-        duration_s=clip.duration_s,
-        sha256=clip.sha256,
-        root_height_m=float(clip.root_pos_w[0, 2]),
-        start_joint_pos_rad=start,
-    )
     return ActorSpec(
         robot=robot.name,
         joint_names=robot.joint_names,
@@ -68,7 +58,7 @@ def actor_spec(
         control_period_s=CONTROL_PERIOD_S,
         observations=(pbhc_actor_group(older_lags=older_lags),),
         history_start="zeros",
-        motion=motion,
+        motion=motion_info(clip, motion_name, clip.joint_pos_rad[0, joint_columns(clip, robot)]),
         provenance=dict(provenance),
     )
 

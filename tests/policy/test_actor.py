@@ -11,6 +11,7 @@ import policy.actor
 from core.errors import InputError
 from policy.actor import bundled_actors, load_actor
 from policy.spec import ObservationGroup, ObservationTerm
+from policy.spec_json import spec_to_json
 from tests.policy.toys import (
     GROUP,
     JOINTS,
@@ -45,9 +46,9 @@ def test_a_good_actor_loads_and_infers(tmp_path):
     assert actor.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert actor.motion_npz == b"the clip"
     assert actor.path == path
-    assert actor.spec.to_json() == toy_spec().to_json()
+    assert spec_to_json(actor.spec) == spec_to_json(toy_spec())
     obs = np.random.default_rng(0).normal(size=SIZE).astype(np.float32)
-    action = actor.infer({"obs": obs})
+    action = actor.infer({"obs": obs}).action
     assert action.shape == (3,) and action.dtype == np.float32
     np.testing.assert_allclose(action, by_numpy(weights(), obs), atol=1e-5)
 
@@ -56,12 +57,12 @@ def test_a_good_actor_loads_and_infers(tmp_path):
 def test_extreme_observations_give_finite_actions(tmp_path, value):
     actor = load_actor(write_actor(tmp_path / "a.onnx"), ROBOT)
     obs = np.full(SIZE, value, np.float32)
-    np.testing.assert_allclose(actor.infer({"obs": obs}), by_numpy(weights(), obs), atol=1e-5)
+    np.testing.assert_allclose(actor.infer({"obs": obs}).action, by_numpy(weights(), obs), atol=1e-5)
 
 
 def test_a_nan_comes_out_as_it_is(tmp_path):
     actor = load_actor(write_actor(tmp_path / "a.onnx"), ROBOT)
-    assert np.isnan(actor.infer({"obs": np.full(SIZE, np.nan, np.float32)})).all()
+    assert np.isnan(actor.infer({"obs": np.full(SIZE, np.nan, np.float32)}).action).all()
 
 
 def test_inference_starts_no_threads(tmp_path):
@@ -161,9 +162,9 @@ def spec_with(*terms):
         (None, {"params": [np.full_like(p, np.nan) for p in weights()]}, "the graph is broken, got a non-finite"),
         (spec_with(ObservationTerm("dof_pos", (0, 1, 2))), {}, f"graph input 'obs': wrong size, got [1, {SIZE}], "),
         (
-            spec_with(ObservationTerm("height_map")),
+            spec_with(ObservationTerm("odometry")),
             {},
-            "observation group 'obs': unknown observation term, got height_map, expected one of actions, base_ang_vel,",
+            "observation group 'obs': unknown observation term, got odometry, expected one of actions, base_ang_vel,",
         ),
         (
             toy_spec(observations=(GROUP, replace(GROUP, name="map"))),
@@ -191,5 +192,5 @@ def test_damaged_metadata_is_refused_at_load(tmp_path):
     path = write_actor(tmp_path / "a.onnx")
     set_metadata(path, "motion_npz", "AAAA")
     assert refusal(path).startswith(f"{path}: motion_npz: the embedded motion is damaged")
-    set_metadata(path, "actor_spec", toy_spec().to_json().replace("150.0", "-150.0"))
+    set_metadata(path, "actor_spec", spec_to_json(toy_spec()).replace("150.0", "-150.0"))
     assert refusal(path) == f"{path}: kp: not usable, got knee -150.0, expected 0 or more"

@@ -6,14 +6,11 @@ import pytest
 from core.errors import InputError
 from policy.action import decode_action
 from policy.history import ObservationHistory
+from policy.layouts import pbhc_actor_group
 from policy.observation import (
-    TERMS,
-    ObservationInput,
     check_terms,
     gather_index,
     num_lags,
-    pbhc_actor_group,
-    register,
     sample_clip,
     sample_terms,
     sample_width,
@@ -21,6 +18,7 @@ from policy.observation import (
     term_order,
 )
 from policy.spec import ObservationGroup, ObservationTerm
+from policy.terms import TERMS, ObservationInput, register
 from tests.policy.toys import GROUP, SIZE
 
 

@@ -8,7 +8,8 @@ from core.errors import InputError
 from policy.actor import load_actor
 from policy.adapters.pbhc import read_spec
 from policy.controller import PolicyController
-from policy.observation import gather_index, pbhc_actor_group, term_dims
+from policy.layouts import pbhc_actor_group
+from policy.observation import gather_index, term_dims
 from policy.spec import MotionInfo, ObservationTerm
 from robot.robot import load_robot
 from tests.policy.toys import toy_motion, toy_robot, write_graph

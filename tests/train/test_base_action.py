@@ -9,7 +9,7 @@ import torch
 
 from motion.library import open_motion
 from motion.reference import build_reference
-from policy.observation import OLDER_TERMS, pbhc_actor_group
+from policy.layouts import OLDER_TERMS, pbhc_actor_group
 from policy.spec import ObservationGroup
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
 from train.export import deployed, to_onnx, verify

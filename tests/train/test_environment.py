@@ -14,7 +14,9 @@ from motion.library import open_motion
 from motion.metrics import empbae_mm
 from motion.reference import build_reference
 from policy.history import ObservationHistory
-from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
+from policy.layouts import pbhc_actor_group
+from policy.observation import sample_terms, term_dims
+from policy.terms import ObservationInput
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
 from train.mdp.curriculum import Curriculum, EpisodeAverage
 from train.mdp.drivers import Figures

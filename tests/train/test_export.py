@@ -72,7 +72,7 @@ def test_file_is_a_complete_actor(tmp_path, robot, clip):
     np.testing.assert_array_equal(loaded.spec.action_scale, 0.25)
     obs = torch.randn(1, 380, generator=torch.Generator().manual_seed(2))
     expected = make_actor("fp32")(obs).detach().numpy()[0]
-    np.testing.assert_allclose(loaded.infer({"actor_obs": obs.numpy()[0]}), expected, atol=1e-5)
+    np.testing.assert_allclose(loaded.infer({"actor_obs": obs.numpy()[0]}).action, expected, atol=1e-5)
     assert [entry.name for entry in tmp_path.iterdir()] == ["actor.onnx"]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate, yaw_of
+from policy.reference import ReferenceWindow
 from train.batch import Batch, Device
 from train.mdp.tick import ReferenceRows
 
@@ -53,6 +54,18 @@ class Anchor:
             body_quat_wxyz=quat_mul(turns, rows.body_quat_wxyz),
             body_lin_vel_w=quat_rotate(turns, rows.body_lin_vel_w),
             body_ang_vel_w=quat_rotate(turns, rows.body_ang_vel_w),
+        )
+
+    def window(self, window: ReferenceWindow, place: Place) -> ReferenceWindow:
+        """A window (B, K, ...) turned as :meth:`moved` does."""
+        if self._share is None:
+            return window
+        turn = quat_from_axis_angle(self._up, place.heading_rad)[:, None]
+        return replace(
+            window,
+            root_quat_wxyz=quat_mul(turn, window.root_quat_wxyz),
+            root_lin_vel_w=quat_rotate(turn, window.root_lin_vel_w),
+            root_ang_vel_w=quat_rotate(turn, window.root_ang_vel_w),
         )
 
     def followed(

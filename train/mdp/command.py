@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from policy.reference import ReferenceWindow
 from train.mdp.anchor import Anchor
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.failures import FailureRates
@@ -76,6 +77,13 @@ class Command:
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""
         return self.anchor.moved(self.table.rows(state.clip, state.tick + 1), state.place)
+
+    def window(self, state: EnvState, rows: torch.Tensor, ticks: tuple[int, ...]) -> ReferenceWindow | None:
+        """The reference so many ticks ahead of the robots ``rows`` (n,); None where there are no ticks."""
+        if not ticks:
+            return None
+        window = self.table.window(state.clip[rows], state.tick[rows], ticks)
+        return self.anchor.window(window, state.place.rows(rows))
 
     def phase(self, state: EnvState) -> torch.Tensor:
         """How far in its clip each robot is (B,), 0 to 1."""

@@ -50,7 +50,8 @@ class Critic:
             delay_s=self._physics.delay_s[rows],
         )
         parts = {name: term(view) for name, term in self._terms.items()}
-        parts["phase_knots"] = phase_hats(self._command.phase(state)[rows], self.phase_knots)
+        if self.phase_knots:
+            parts["phase_knots"] = phase_hats(self._command.phase(state)[rows], self.phase_knots)
         if not self.layout:
             self.layout = _slices(parts)
         return torch.cat([*parts.values()], dim=1).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)

@@ -6,7 +6,7 @@ import torch
 
 from core.rotations import quat_rotate_inverse
 from policy.observation import (
-    ObservationInput,
+    entry_size,
     gather_index,
     num_lags,
     sample_clip,
@@ -14,8 +14,11 @@ from policy.observation import (
     sample_width,
     term_dims,
     term_order,
+    window_ticks,
 )
+from policy.reference import ReferenceWindow
 from policy.spec import ObservationGroup
+from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
 from train.mdp.draws import rand
@@ -44,16 +47,20 @@ class Observations:
         self._index = torch.as_tensor(gather_index(group, dims), device=device)
         self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
         self._width = sample_width(self._terms, dims)
-        self._noise = torch.cat(
-            [torch.full((dims[t.term],), noise.get(t.term, 0.0) * t.scale, device=device) for t in self._terms]
-        )
+        sizes = [entry_size(t, dims) for t in self._terms]
+        noises = [noise.get(t.term, 0.0) * t.scale for t in self._terms]
+        self._noise = torch.cat([torch.full((n,), half, device=device) for n, half in zip(sizes, noises, strict=True)])
+        looks_ahead = [torch.full((n,), bool(t.ticks), device=device) for n, t in zip(sizes, self._terms, strict=True)]
+        self._ahead = torch.cat(looks_ahead).nonzero()[:, 0]
+        self._own = (~torch.cat(looks_ahead)).nonzero()[:, 0]
+        self.window_ticks = window_ticks([group])
         self._default = torch.tensor(robot.default_pos_rad, device=device).float()
 
     def histories(self, num_envs: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Empty ones of actor and critic, (B, L, W) and (B, 5, W+3)."""
+        """Empty ones of actor (B, L, W) and critic (B, 5, V+3); V: what does not look ahead."""
         return (
             torch.zeros(num_envs, num_lags(self.group), self._width, device=self._device),
-            torch.zeros(num_envs, CRITIC_LAGS, self._width + 3, device=self._device),
+            torch.zeros(num_envs, CRITIC_LAGS, len(self._own) + 3, device=self._device),
         )
 
     @staticmethod
@@ -76,13 +83,14 @@ class Observations:
         physics: PhysicsState,
         last_action: torch.Tensor,
         phase: torch.Tensor,
+        window: ReferenceWindow | None,
         *,
         noise_scale: float,
         generator: torch.Generator,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the noisy actor sample (n, W) and the exact critic sample (n, W+3) of n environments.
+        """Return the noisy actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
 
-        The noise is drawn from ``generator``.
+        ``window``: the reference at :attr:`window_ticks`. The noise is drawn from ``generator``.
         """
         terms = ObservationInput(
             base_quat_wxyz=physics.root_quat_wxyz,
@@ -92,27 +100,28 @@ class Observations:
             last_action=last_action,
             phase=phase[:, None] if phase.dim() == 1 else phase,
             default_pos_rad=self._default,
+            reference=window,
         )
         exact = sample_terms(self._terms, terms).float()
         noise = (2.0 * rand(exact.shape, generator, self._device) - 1.0) * (self._noise * noise_scale)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
         actor = torch.clamp(exact + noise, -self._clip, self._clip)
-        return actor, torch.cat([exact, LIN_VEL_SCALE * lin_vel_b], dim=1)
+        return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
 
     def ahead(self, history: torch.Tensor) -> torch.Tensor:
         """The terms that look ahead on the reference (n, A), now, of the actor's ``history`` (n, L, W)."""
-        return history[:, 0, :0]
+        return history[:, 0, self._ahead]
 
     def actor(self, history: torch.Tensor) -> torch.Tensor:
         """The actor's observation (B, n), laid out of its ``history`` (B, L, W)."""
         return history.flatten(1).gather(1, self._index.expand(len(history), -1))
 
 
-def term_slices(group: ObservationGroup, num_joints: int) -> dict[tuple[str, int], slice]:
-    """Where each term at each lag lies in the group's observation."""
+def term_slices(group: ObservationGroup, num_joints: int) -> dict[str, slice]:
+    """Where each term at each lag, ``term[lag]``, lies in the group's observation."""
     dims, first, found = term_dims(num_joints), 0, {}
     for entry in group.terms:
         for lag in entry.lags:
-            found[entry.term, lag] = slice(first, first + dims[entry.term])
-            first += dims[entry.term]
+            found[f"{entry.term}[{lag}]"] = slice(first, first + entry_size(entry, dims))
+            first += entry_size(entry, dims)
     return found

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 
 from core.errors import InputError
 from core.structured import at_least, positive, within
-from policy.observation import TERMS as OBSERVATION_TERMS
-from policy.observation import check_terms, pbhc_actor_group
+from policy.layouts import pbhc_actor_group, window_actor_group
+from policy.observation import check_terms
 from policy.spec import MAX_LAG, ObservationGroup, ObservationTerm
+from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
 from train.mdp.events import EventTerm
@@ -15,7 +16,7 @@ from train.mdp.rewards import DIRECT, TRACKING
 from train.mdp.terminations import TERMINATIONS
 from train.simulation.domain import DomainRanges
 
-LAYOUTS = ("pbhc",)
+LAYOUTS = ("pbhc", "window")
 CRITIC = (
     "history", "reference_position", "position_difference", "com_offset", "mass_scale", "kp_scale", "kd_scale",
     "friction", "delay",
@@ -239,6 +240,8 @@ class EnvironmentSettings:
 
     def actor_group(self) -> ObservationGroup:
         """The layout of the actor's observation."""
-        if isinstance(self.observations, str):
-            return pbhc_actor_group(older_lags=self.older_ticks())
-        return ObservationGroup("actor_obs", self.observations)
+        if not isinstance(self.observations, str):
+            return ObservationGroup("actor_obs", self.observations)
+        return (
+            window_actor_group() if self.observations == "window" else pbhc_actor_group(older_lags=self.older_ticks())
+        )

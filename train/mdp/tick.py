@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from motion.reference import Reference
+from policy.reference import ReferenceWindow
 from robot.robot import Robot
 from train.batch import Batch, Device
 from train.simulation.simulator import PhysicsState
@@ -69,6 +70,19 @@ class ReferenceTable:
         sizes = [shape.numel() for shape in self._shapes.values()]
         parts = row.split(sizes, dim=1)
         return ReferenceRows(*(part.reshape(-1, *shape) for part, shape in zip(parts, self._shapes.values())))
+
+    def window(self, clip: torch.Tensor, tick: torch.Tensor, ticks: tuple[int, ...]) -> ReferenceWindow:
+        """Joints and root (B, K, ...) of clips (B,) so many ticks ahead of ticks (B,), as :meth:`rows` has them."""
+        wanted = tick[:, None] + torch.tensor(ticks, device=tick.device)
+        index = self._first_row[clip][:, None] + torch.minimum(wanted, self.num_ticks[clip][:, None] + 1)
+        sizes = [self._shapes[name].numel() for name in _WINDOW]
+        parts = self._table[:, : sum(sizes)][index].split(sizes, dim=-1)
+        joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel = parts
+        return ReferenceWindow(ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel)
+
+
+# The first columns of the table.
+_WINDOW = ("joint_pos_rad", "joint_vel_rad_s", "root_pos_w", "root_quat_wxyz", "root_lin_vel_w", "root_ang_vel_w")
 
 
 def _held(name: str, values: np.ndarray, device: Device) -> torch.Tensor:

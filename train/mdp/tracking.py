@@ -24,7 +24,7 @@ from train.mdp.state import EnvState
 from train.mdp.terminations import TERMINATIONS
 from train.mdp.tick import RobotLimits, Tick
 from train.mdp.tracking_log import LengthRatio, tracking_errors
-from train.simulation.simulator import PhysicsState, Simulator
+from train.simulation.simulator import Simulator
 
 CONTROL_PERIOD_S = 0.02
 ACTION_SCALE = 0.25
@@ -58,7 +58,7 @@ class TrackingEnv:
         device: Device,
     ) -> None:
         s = settings
-        self.num_envs, self.num_actions, self.device = simulator.num_envs, robot.num_joints, device
+        self.num_envs, self.num_actions, self.device = simulator.num_envs, robot.num_joints, torch.device(device)
         self.settings, self.simulator, self.command = settings, simulator, command
         self._generator, self._episodes = generator, episodes
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
@@ -79,6 +79,7 @@ class TrackingEnv:
         self.phase_knots = self.critic.phase_knots
         self.curricula = {name: Curriculum(getattr(s, name)) for name in _CURRICULA}
         self.average, self.uniform_average, self._length_ratio = EpisodeAverage(), EpisodeAverage(), LengthRatio()
+        self._everyone = torch.arange(self.num_envs, device=self.device)
         self.state = self._first_state()
         observations = self.reset()
         self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
@@ -107,8 +108,8 @@ class TrackingEnv:
         )
 
     @property
-    def layout(self) -> dict[str, Mapping[Any, slice]]:
-        """Where what lies in the observations: group → (term, lag) of the actor, or term of the critic → columns."""
+    def layout(self) -> dict[str, Mapping[str, slice]]:
+        """Where what lies in the observations: group → term[lag] of the actor, or term of the critic → columns."""
         return {"actor": self.observations.layout, "critic": self.critic.layout}
 
     @property
@@ -118,7 +119,7 @@ class TrackingEnv:
 
     def reset(self) -> dict[str, torch.Tensor]:
         """Begin a new episode in every environment; return its observations."""
-        self._reset(torch.arange(self.num_envs, device=self.device))
+        self._reset(self._everyone)
         return self._observe()
 
     def step(self, action: torch.Tensor) -> StepResult:
@@ -179,7 +180,7 @@ class TrackingEnv:
         root = t.physics.root_pos_w, t.physics.root_quat_wxyz
         state.place = self.command.anchor.followed(state.place, *root, t.reference)
         state.target = self.command.next_target(state)
-        self.observations.push(state, *self._sample(t.physics, t.action, t.reference.phase, self._generator))
+        self.observations.push(state, *self._sample(self._everyone, t.reference.phase, self._generator))
 
     def _update_curricula(self, failed: torch.Tensor, ended: torch.Tensor) -> None:
         state, command = self.state, self.command
@@ -223,21 +224,23 @@ class TrackingEnv:
         state.bodies.write(env_ids, bodies)
         state.position_error_m[env_ids] = bodies.pos_w - start.rows.body_pos_w
         state.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - start.rows.body_lin_vel_w)
-        samples = self._sample(physics, state.last_action[env_ids], start.rows.phase, self._episodes)
-        self.observations.restart(state, env_ids, *samples)
+        self.observations.restart(state, env_ids, *self._sample(env_ids, start.rows.phase, self._episodes))
 
     def _sample(
-        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
+        self, rows: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Sensor noise grows with the randomisation."""
-        scale = self.simulator.randomization
-        return self.observations.sample(physics, last_action, phase, noise_scale=scale, generator=generator)
+        """Samples of the robots ``rows`` (n,). Sensor noise grows with the randomisation."""
+        state, scale = self.state, self.simulator.randomization
+        window = self.command.window(state, rows, self.observations.window_ticks)
+        return self.observations.sample(
+            state.physics.rows(rows), state.last_action[rows], phase, window, noise_scale=scale, generator=generator
+        )
 
     def _observe(self) -> dict[str, torch.Tensor]:
-        everyone = torch.arange(self.num_envs, device=self.device)
+        state = self.state
         return {
-            "actor": self.observations.actor(self.state.actor_history),
-            "critic": self.critic.view(self.state, everyone),
+            "actor": self.observations.actor(state.actor_history),
+            "critic": self.critic.view(state, self._everyone),
         }
 
     def finish_iteration(self) -> None:

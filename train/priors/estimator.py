@@ -14,7 +14,8 @@ from torch import nn
 
 from core.rotations import cross, projected_gravity, quat_rotate_inverse
 from motion.reference import Reference
-from policy.observation import OLDER_TERMS, PBHC_SCALES, num_lags, pbhc_actor_group, term_dims
+from policy.layouts import OLDER_TERMS, PBHC_SCALES, pbhc_actor_group
+from policy.observation import num_lags, term_dims
 from robot.robot import Robot
 
 MEASURED = ("projected_gravity", "base_ang_vel", "dof_pos", "dof_vel")

@@ -91,7 +91,7 @@ def _run(env: TrackingEnv, actor: Actor, ticks: int) -> tuple[np.ndarray, dict[s
     fell = False
     for _ in range(ticks):
         qpos.append(_qpos(env))
-        action = actor.infer({group.name: observations["actor"][0].numpy()})
+        action = actor.infer({group.name: observations["actor"][0].numpy()}).action
         result = env.step(torch.from_numpy(action[None]))
         observations = dict(result.observations)
         errors.append({name: float(values[0]) for name, values in env.last_errors.items()})

@@ -1,0 +1,81 @@
+"""The reference motion as an actor of any clip sees it: some ticks ahead of now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from core.rotations import quat_from_axis_angle, quat_mul, yaw_of
+
+Array = Any  # np.ndarray or torch.Tensor
+
+
+@dataclass(frozen=True)
+class ReferenceWindow:
+    """The reference at K ticks ahead of now; (...) are any leading dimensions, joints in the actor's order.
+
+    World frame, turned about the vertical so that its heading was the robot's when the actor took over.
+    """
+
+    ticks: tuple[int, ...]
+    joint_pos_rad: Array  # (..., K, J)
+    joint_vel_rad_s: Array  # (..., K, J)
+    root_height_m: Array  # (..., K), above the floor
+    root_quat_wxyz: Array  # (..., K, 4)
+    root_lin_vel_w: Array  # (..., K, 3)
+    root_ang_vel_w: Array  # (..., K, 3)
+
+    def columns(self, ticks: Sequence[int]) -> list[int]:
+        """Where ``ticks`` stand among those of the window. ValueError where one is missing."""
+        return [self.ticks.index(tick) for tick in ticks]
+
+
+class ReferenceRows(Protocol):
+    """A clip at every control tick: row k is the motion at k periods; joints in the robot's order."""
+
+    @property
+    def joint_pos_rad(self) -> np.ndarray: ...
+    @property
+    def joint_vel_rad_s(self) -> np.ndarray: ...
+    @property
+    def root_pos_w(self) -> np.ndarray: ...
+    @property
+    def root_quat_wxyz(self) -> np.ndarray: ...
+    @property
+    def root_lin_vel_w(self) -> np.ndarray: ...
+    @property
+    def root_ang_vel_w(self) -> np.ndarray: ...
+
+
+def window_at(
+    rows: ReferenceRows, tick: int, ticks: tuple[int, ...], joints: np.ndarray, turn_rad: float = 0.0
+) -> ReferenceWindow:
+    """What lies ``ticks`` ahead of ``tick``; beyond the clip's end its last pose, at rest.
+
+    ``joints``: the actor's joints as columns of ``rows``. ``turn_rad``: the robot's heading minus the clip's when the
+    actor took over.
+    """
+    wanted = tick + np.array(ticks, dtype=int)
+    index = np.minimum(wanted, len(rows.joint_pos_rad) - 1)
+    moving = (wanted < len(rows.joint_pos_rad))[:, None]
+    turn = quat_from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(turn_rad))
+    cosine, sine = np.cos(turn_rad), np.sin(turn_rad)
+    about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return ReferenceWindow(
+        ticks=ticks,
+        joint_pos_rad=rows.joint_pos_rad[index][:, joints],
+        joint_vel_rad_s=rows.joint_vel_rad_s[index][:, joints] * moving,
+        root_height_m=rows.root_pos_w[index, 2],
+        root_quat_wxyz=quat_mul(np.broadcast_to(turn, (len(index), 4)), rows.root_quat_wxyz[index]),
+        root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
+        root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
+    )
+
+
+def heading_difference_rad(quat_wxyz: np.ndarray, other_wxyz: np.ndarray) -> float:
+    """By how much the first heading (4,) is turned from the other one (4,), in (-pi, pi]."""
+    difference = float(yaw_of(quat_wxyz) - yaw_of(other_wxyz))
+    return float(np.arctan2(np.sin(difference), np.cos(difference)))

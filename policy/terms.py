@@ -1,0 +1,194 @@
+"""Observation terms, defined once for training and robot.
+
+A term is a pure function of the robot's state, of what is given at run time, and of the reference some ticks ahead, on
+numpy or torch arrays with any leading dimensions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from core.errors import InputError
+from core.rotations import array_module, quat_conjugate, quat_mul, quat_rotate_inverse, quat_to_matrix, yaw_quat
+from core.rotations import projected_gravity as gravity_in_body
+from policy.reference import ReferenceWindow
+from policy.spec import ObservationTerm
+
+Array = Any  # np.ndarray or torch.Tensor
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class ObservationInput:
+    """What terms may look at, in the actor's joint order; (...) are any leading dimensions.
+
+    ``last_action`` is the raw action (the graph's output) sent at the tick before.
+    """
+
+    base_quat_wxyz: Array  # (..., 4)
+    base_ang_vel_b: Array  # (..., 3) rad/s, base frame
+    joint_pos_rad: Array  # (..., J)
+    joint_vel_rad_s: Array  # (..., J)
+    last_action: Array  # (..., J)
+    phase: Array  # (..., 1) in [0, 1]
+    default_pos_rad: Array  # (J,)
+    reference: ReferenceWindow | None = None  # what windowed terms look at
+    given: Mapping[str, Array] = field(default_factory=dict)  # commands and maps (..., n) by name
+
+
+@dataclass(frozen=True)
+class Term:
+    """A registered term: its function and its size, ``per_joint`` · J + ``constant``, for each tick if ``windowed``.
+
+    A ``given`` term hands on what is given at run time under the name that its use says: a command or a map.
+    """
+
+    function: Callable[..., Array]
+    per_joint: int
+    constant: int
+    windowed: bool
+    given: bool
+
+    def sample(self, entry: ObservationTerm, s: ObservationInput) -> Array:
+        """The unscaled value (..., n) of ``entry``, a use of this term."""
+        if self.given:
+            return self.function(s, entry.of)
+        return self.function(s, entry.ticks) if self.windowed else self.function(s)
+
+
+TERMS: dict[str, Term] = {}
+
+
+def register(
+    *, per_joint: int = 0, constant: int = 0, windowed: bool = False, given: bool = False
+) -> Callable[[Function], Function]:
+    """Register the decorated function under its own name. ValueError if the name is taken.
+
+    A ``windowed`` term takes ``(s, ticks)`` and looks at the reference that many ticks ahead, tick by tick; a ``given``
+    one takes ``(s, name)``.
+    """
+
+    def add(function: Function) -> Function:
+        name = function.__name__
+        if name in TERMS:
+            raise ValueError(f"observation term {name!r} is registered twice")
+        TERMS[name] = Term(function, per_joint, constant, windowed, given)
+        return function
+
+    return add
+
+
+@register(constant=3)
+def base_ang_vel(s: ObservationInput) -> Array:
+    """Angular velocity of the base in its own frame (..., 3), rad/s."""
+    return s.base_ang_vel_b
+
+
+@register(constant=3)
+def projected_gravity(s: ObservationInput) -> Array:
+    """Direction of gravity in the base frame (..., 3): Rᵀ(0, 0, -1)."""
+    return gravity_in_body(s.base_quat_wxyz)
+
+
+@register(per_joint=1)
+def dof_pos(s: ObservationInput) -> Array:
+    """Joint positions relative to the default pose (..., J), rad."""
+    return s.joint_pos_rad - s.default_pos_rad
+
+
+@register(per_joint=1)
+def dof_vel(s: ObservationInput) -> Array:
+    """Joint velocities (..., J), rad/s."""
+    return s.joint_vel_rad_s
+
+
+@register(per_joint=1)
+def actions(s: ObservationInput) -> Array:
+    """The raw action of the tick before (..., J)."""
+    return s.last_action
+
+
+@register(constant=1)
+def ref_motion_phase(s: ObservationInput) -> Array:
+    """How far the reference motion has come (..., 1), in [0, 1]."""
+    return s.phase
+
+
+@register(per_joint=1, windowed=True)
+def reference_joint_pos(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Joint positions of the reference relative to the default pose, tick by tick, rad."""
+    window, columns = _window(s, ticks)
+    return _flat(window.joint_pos_rad[..., columns, :] - s.default_pos_rad)
+
+
+@register(per_joint=1, windowed=True)
+def reference_joint_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Joint velocities of the reference, rad/s."""
+    window, columns = _window(s, ticks)
+    return _flat(window.joint_vel_rad_s[..., columns, :])
+
+
+@register(constant=1, windowed=True)
+def reference_root_height(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Height of the reference's root above the floor, m."""
+    window, columns = _window(s, ticks)
+    return window.root_height_m[..., columns]
+
+
+@register(constant=3, windowed=True)
+def reference_gravity(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Direction of gravity in the frame of the reference's root."""
+    window, columns = _window(s, ticks)
+    return _flat(gravity_in_body(window.root_quat_wxyz[..., columns, :]))
+
+
+@register(constant=6, windowed=True)
+def reference_orientation(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """The reference's root seen from the robot's base: x and y axes, the first two columns of R(base)ᵀ R(reference)."""
+    window, columns = _window(s, ticks)
+    base = quat_conjugate(s.base_quat_wxyz)[..., None, :]
+    matrix = quat_to_matrix(quat_mul(base, window.root_quat_wxyz[..., columns, :]))
+    return _flat(array_module(matrix).concatenate([matrix[..., :, 0], matrix[..., :, 1]], -1))
+
+
+@register(constant=3, windowed=True)
+def reference_lin_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Velocity of the reference's root in its own heading frame, m/s."""
+    window, columns = _window(s, ticks)
+    return _in_heading(window.root_lin_vel_w[..., columns, :], window.root_quat_wxyz[..., columns, :])
+
+
+@register(constant=3, windowed=True)
+def reference_ang_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Angular velocity of the reference's root in its own heading frame, rad/s."""
+    window, columns = _window(s, ticks)
+    return _in_heading(window.root_ang_vel_w[..., columns, :], window.root_quat_wxyz[..., columns, :])
+
+
+@register(given=True)
+def command(s: ObservationInput, name: str) -> Array:
+    """What the operator asks for (..., n), in the order of the command's fields."""
+    return s.given[name]
+
+
+@register(given=True)
+def height_map(s: ObservationInput, name: str) -> Array:
+    """Heights around the pelvis (..., n), row by row of the map's grid, m."""
+    return s.given[name]
+
+
+def _window(s: ObservationInput, ticks: Sequence[int]) -> tuple[ReferenceWindow, list[int]]:
+    if s.reference is None:
+        raise InputError("a term looks ahead, but there is no reference", hint="give --motion")
+    return s.reference, s.reference.columns(ticks)
+
+
+def _flat(values: Array) -> Array:
+    """(..., K, n) as (..., K n)."""
+    return values.reshape(*values.shape[:-2], -1)
+
+
+def _in_heading(vector_w: Array, quat_wxyz: Array) -> Array:
+    return _flat(quat_rotate_inverse(yaw_quat(quat_wxyz), vector_w))
