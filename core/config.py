@@ -1,17 +1,13 @@
-"""YAML files into frozen dataclasses: unknown, missing and ill-typed entries are refused by name."""
+"""Finding and reading the files that people write: YAML and JSON, no key twice, into frozen dataclasses."""
 
-import dataclasses
-import types
-import typing
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
-
 from core.errors import InputError
+from core.structured import one_of, parse
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 T = TypeVar("T")
@@ -24,64 +20,62 @@ def config_file(folder: str, name_or_file: str | Path) -> Path:
         if not path.is_file():
             raise InputError("no such file", where=path)
         return path
-    bundled = CONFIGS / folder / f"{name_or_file}.yaml"
-    if not bundled.is_file():
-        names = ", ".join(sorted(file.stem for file in (CONFIGS / folder).glob("*.yaml")))
-        raise InputError(
-            f"unknown {folder} configuration", got=name_or_file, expected=f"one of {names}, or a .yaml file"
-        )
-    return bundled
+    names = sorted(file.stem for file in (CONFIGS / folder).glob("*.yaml"))
+    one_of(None, str(name_or_file), [*names, "or a .yaml file"], what=f"unknown {folder} configuration")
+    return CONFIGS / folder / f"{name_or_file}.yaml"
 
 
-def load_options(cls: type[T], path: Path) -> T:
-    """Read a YAML mapping into the dataclass `cls`. Raises InputError naming file and entry."""
+def load_options(kind: type[T], path: Path) -> T:
+    """Read a YAML mapping into the dataclass ``kind``. Raises InputError naming file and full path of the entry."""
+    content = read_yaml(path)
+    with errors_in(path):
+        return parse(kind, content)
+
+
+@contextmanager
+def errors_in(path: Path) -> Iterator[None]:
+    """Errors about the content of a file name it."""
     try:
-        content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    except (OSError, YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", where=path) from error
-    return from_mapping(cls, content, str(path))
+        yield
+    except InputError as error:
+        raise InputError(str(error), where=path) from error
 
 
-def from_mapping(cls: type[T], content: Any, where: str) -> T:
-    """Build `cls` from a mapping that has exactly its fields (those with defaults may be left out)."""
-    if not isinstance(content, Mapping):
-        raise InputError("wrong kind of entry", where=where, got=content, expected="a mapping")
-    fields = {field.name: field for field in dataclasses.fields(typing.cast(Any, cls))}
-    if unknown := [str(key) for key in content if key not in fields]:
-        raise InputError("unknown entry", where=where, got=", ".join(unknown), expected=f"some of {', '.join(fields)}")
-    missing = [
-        name
-        for name, field in fields.items()
-        if name not in content and field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-    ]
-    if missing:
-        raise InputError(f"missing entry {', '.join(missing)}", where=where)
-    hints = typing.get_type_hints(cls)
-    return cls(**{name: _convert(hints[name], value, f"{where}: {name}") for name, value in content.items()})
+def read_yaml(path: Path, *, resolve: bool = True) -> dict[str, Any]:
+    """The mapping in a YAML file, its `${...}` resolved unless told otherwise; nothing in it is executed.
+
+    Raises InputError naming the file: not there, not YAML, a key given twice, no mapping.
+    """
+    from omegaconf import OmegaConf  # a tenth of a second, which `--help` need not wait for
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
+
+    try:
+        content = OmegaConf.to_container(OmegaConf.load(path), resolve=resolve)
+    except FileNotFoundError as error:
+        raise InputError("no such file", where=path) from error
+    except (OSError, ValueError, YAMLError, OmegaConfBaseException, RecursionError) as error:
+        raise InputError("not a readable YAML file", where=path, got=str(error)) from error
+    if not isinstance(content, dict):
+        raise InputError("wrong type", where=path, got=f"a {type(content).__name__}", expected="a mapping")
+    return {str(key): value for key, value in content.items()}
 
 
-def _convert(hint: Any, value: Any, where: str) -> Any:
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (types.UnionType, typing.Union):
-        if value is None and type(None) in arguments:
-            return None
-        return _convert(next(a for a in arguments if a is not type(None)), value, where)
-    if dataclasses.is_dataclass(hint):
-        return from_mapping(typing.cast(type, hint), value, where)
-    if origin is tuple:
-        return _convert_tuple(arguments, value, where)
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if type(value) is not hint:
-        raise InputError("wrong kind of value", where=where, got=repr(value), expected=hint.__name__)
-    return value
+def read_json(text: str, where: str) -> Any:
+    """The document in a JSON text. Raises InputError: not JSON, a key given twice, a number that is not finite."""
 
+    def refuse_constant(name: str) -> Any:
+        raise InputError("not a finite number", where=where, got=name, expected="finite numbers only")
 
-def _convert_tuple(arguments: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
-    if not isinstance(value, list):
-        raise InputError("wrong kind of value", where=where, got=repr(value), expected="a list")
-    if arguments[-1] is Ellipsis:
-        return tuple(_convert(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(value))
-    if len(value) != len(arguments):
-        raise InputError("wrong length", where=where, got=len(value), expected=f"{len(arguments)} numbers")
-    return tuple(_convert(hint, item, f"{where}[{i}]") for i, (hint, item) in enumerate(zip(arguments, value)))
+    def refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if twice := sorted({key for key in keys if keys.count(key) > 1}):
+            raise InputError("key given twice", where=where, got=", ".join(twice), expected="each key once")
+        return dict(pairs)
+
+    try:
+        return json.loads(text, parse_constant=refuse_constant, object_pairs_hook=refuse_duplicates)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"malformed JSON ({error})", where=where) from error

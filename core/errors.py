@@ -1,5 +1,7 @@
 """The error that a user's input causes."""
 
+from __future__ import annotations
+
 
 class InputError(ValueError):
     """Unusable input. ``str()`` is one line: what, where, got, expected, what to do."""
@@ -13,11 +15,18 @@ class InputError(ValueError):
         expected: object = None,
         hint: str | None = None,
     ) -> None:
-        parts = [what if where is None else f"{where}: {what}"]
+        parts = [what]
         if got is not None:
             parts.append(f"got {got}")
         if expected is not None:
             parts.append(f"expected {expected}")
-        message = ", ".join(parts)
-        whole = message if hint is None else f"{message}; {hint}"
-        super().__init__(" ".join(line for line in map(str.strip, whole.splitlines()) if line))
+        self._where, self._fault = where, ", ".join(parts) + (f"; {hint}" if hint else "")
+        message = self._fault if where is None else f"{where}: {self._fault}"
+        super().__init__(" ".join(line for line in map(str.strip, message.splitlines()) if line))
+
+    def inside(self, section: str) -> InputError:
+        """The same error with the path of its ``section`` before its own place, where it does not say so itself."""
+        own = "" if self._where is None else str(self._where)
+        if not section or own == section or own.startswith(tuple(section + end for end in ".[:")):
+            return self
+        return InputError(self._fault, where=f"{section}.{own}" if own else section)

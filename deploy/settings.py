@@ -1,11 +1,10 @@
 """Numbers of a deployment, read from ``configs/deploy/*.yaml`` and checked when they are read."""
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from core.config import config_file, load_options
-from core.errors import InputError
+from core.structured import at_least, none_negative, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
@@ -16,12 +15,9 @@ class _Checked:
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            if isinstance(value, (int, float)) and not 0 <= value < math.inf:
-                raise InputError(field.name, where=type(self).__name__, got=value, expected="a finite number >= 0")
-            if field.name == "ticks" and value < 1:
-                raise InputError("ticks", where=type(self).__name__, got=value, expected="1 or more")
+        none_negative(self)
+        if hasattr(self, "ticks"):
+            at_least("ticks", self.ticks, 1)
 
 
 @dataclass(frozen=True)
@@ -46,11 +42,9 @@ class StandUpSettings(_Checked):
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         super().__post_init__()
-        if self.ramp_s < SLOWEST_RAMP_S:
-            raise InputError("ramp_s", where="stand_up", got=self.ramp_s, expected=f"at least {SLOWEST_RAMP_S} s")
-        if not 0.0 < self.speed_rad_s <= FASTEST_RISE_RAD_S:
-            expected = f"above 0, at most {FASTEST_RISE_RAD_S} rad/s"
-            raise InputError("speed_rad_s", where="stand_up", got=self.speed_rad_s, expected=expected)
+        at_least("ramp_s", self.ramp_s, SLOWEST_RAMP_S)
+        positive("speed_rad_s", self.speed_rad_s)
+        within("speed_rad_s", self.speed_rad_s, 0.0, FASTEST_RISE_RAD_S)
 
 
 @dataclass(frozen=True)

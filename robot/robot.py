@@ -6,39 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from core.config import config_file, errors_in, load_options
 from core.names import check_same_names, index_of
-from robot.description import (
-    BODY_GROUPS,
-    FIELDS,
-    OPTIONAL_FIELDS,
-    check_joints,
-    check_keys,
-    check_root,
-    compile_mjcf,
-    find_robot,
-    joint_table,
-    known_name,
-    known_names,
-    offset_rows,
-    read_yaml,
-    soft_factor,
-    sole_points_m,
-)
+from core.structured import frozen
+from robot.description import Description, MeshPart, compile_mjcf, sole_points_m
 from robot.kinematics import Kinematics, TrackedPoint
-
-
-@dataclass(frozen=True)
-class MeshPart:
-    """A mesh file of the maker's that shows ``body``, its origin at ``offset_m`` in the body's frame."""
-
-    body: str
-    file: str
-    offset_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,53 +100,47 @@ def load_robot(name_or_file: str | Path = "g1_23dof") -> Robot:
     Raises InputError naming file and field when the description is incomplete, contradicts itself
     or does not fit the MJCF it points at.
     """
-    path = find_robot(name_or_file)
-    table = read_yaml(path)
-    check_keys(table, FIELDS, where=str(path), optional=OPTIONAL_FIELDS)
-    check_keys(table["feet"], {"left", "right"}, where=f"{path}: feet")
-    mjcf_path = (path.parent / str(table["mjcf"])).resolve()
-    model = compile_mjcf(mjcf_path, where=f"{path}: mjcf")
-    joints = joint_table(table["joints"], where=f"{path}: joints")
-    check_joints(joints, model, where=f"{path}: joints")
+    path = config_file("robot", name_or_file).resolve()
+    described = load_options(Description, path)
+    with errors_in(path):
+        return _robot(described, (path.parent / described.mjcf).resolve())
+
+
+def _robot(described: Description, mjcf_path: Path) -> Robot:
+    model = compile_mjcf(mjcf_path)
+    described.check_joints(model)
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
-    points = _points(table["points"], bodies, where=f"{path}: points")
-    tracked = bodies + tuple(point.name for point in points)
-    groups: dict[str, Any] = {key: known_names(table[key], tracked, where=f"{path}: {key}") for key in BODY_GROUPS}
-    for key in ("root_body", "randomized_com_body"):
-        groups[key] = known_name(table[key], bodies, where=f"{path}: {key}")
-    feet = tuple(known_name(table["feet"][side], bodies, where=f"{path}: feet: {side}") for side in ("left", "right"))
-    check_root(groups["root_body"], table["imu_site"], model, where=str(path))
+    described.check_names(bodies)
+    described.check_root(model)
+    feet = (described.feet.left, described.feet.right)
+    ranges = [joint.range_rad for joint in described.joints]
     return Robot(
-        name=str(table["name"]),
+        name=described.name,
         mjcf_path=mjcf_path,
         model=model,
-        soft_limit_factor=soft_factor(table["soft_limit_factor"], where=f"{path}: soft_limit_factor"),
+        joint_names=tuple(joint.name for joint in described.joints),
+        default_pos_rad=described.column("default_rad"),
+        kp=described.column("kp"),
+        kd=described.column("kd"),
+        damping_kd=frozen([joint.damping_kd or joint.kd for joint in described.joints]),
+        pos_lower_rad=frozen([lower for lower, _ in ranges]),
+        pos_upper_rad=frozen([upper for _, upper in ranges]),
+        vel_limit_rad_s=described.column("speed_rad_s"),
+        torque_limit_nm=described.column("torque_nm"),
+        soft_limit_factor=described.soft_limit_factor,
         body_names=bodies,
-        points=points,
-        feet=(feet[0], feet[1]),
-        imu_site=table["imu_site"],
-        sole_points_m={foot: sole_points_m(model, foot, where=f"{path}: feet") for foot in feet},
-        meshes=_mesh_parts(table.get("meshes", []), bodies, where=f"{path}: meshes"),
-        **joints,
-        **groups,
+        points=described.points,
+        feet=feet,
+        root_body=described.root_body,
+        imu_site=described.imu_site,
+        randomized_com_body=described.randomized_com_body,
+        sole_points_m={foot: sole_points_m(model, foot) for foot in feet},
+        meshes=_all_meshes(described.meshes, bodies),
+        **described.groups,
     )
 
 
-def _points(rows: Any, bodies: Sequence[str], *, where: str) -> tuple[TrackedPoint, ...]:
-    table = offset_rows(rows, {"name", "parent", "offset_m"}, where=where)
-    for row in table:
-        known_name(row["parent"], bodies, where=f"{where}: {row['name']}: parent")
-    points = tuple(TrackedPoint(str(row["name"]), row["parent"], row["offset_m"]) for row in table)
-    names = [*bodies, *(point.name for point in points)]
-    check_same_names(names, tuple(dict.fromkeys(names)), where=where)
-    return points
-
-
-def _mesh_parts(rows: Any, bodies: Sequence[str], *, where: str) -> tuple[MeshPart, ...]:
+def _all_meshes(listed: Sequence[MeshPart], bodies: Sequence[str]) -> tuple[MeshPart, ...]:
     """The parts listed, and ``<body>.STL`` for every body that the list leaves out."""
-    table = offset_rows(rows, {"body", "file", "offset_m"}, where=where)
-    listed = [
-        MeshPart(known_name(row["body"], bodies, where=where), str(row["file"]), row["offset_m"]) for row in table
-    ]
     rest = set(bodies) - {part.body for part in listed}
-    return tuple(listed) + tuple(MeshPart(body, f"{body}.STL", (0.0, 0.0, 0.0)) for body in bodies if body in rest)
+    return (*listed, *(MeshPart(body, f"{body}.STL", (0.0, 0.0, 0.0)) for body in bodies if body in rest))

@@ -1,12 +1,11 @@
 """The stress table: the same actors under one condition after another, a row for each."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from core.config import config_file, load_options
-from core.errors import InputError
+from core.structured import at_least, none_negative, one_of
 from sim2sim.definitions import SCORES
 from sim2sim.evaluation import Evaluation
 from sim2sim.request import Request
@@ -28,13 +27,9 @@ class Condition:
     randomize: bool = False
 
     def __post_init__(self) -> None:
-        if self.sim not in ("default", "reference") or self.episodes < 1:
-            got = f"simulation {self.sim}, {self.episodes} episodes"
-            raise InputError("no such condition", where=self.name, got=got, expected="default or reference, 1 or more")
-        for name in ("friction", "delay_ms", "push_m_s"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value < math.inf:
-                raise InputError(name, where=self.name, got=value, expected="a finite number from 0 up")
+        one_of("sim", self.sim, ("default", "reference"))
+        at_least("episodes", self.episodes, 1)
+        none_negative(self)
 
     def of(self, request: Request) -> Request:
         """The request under this condition. Another model of the robot belongs to the reference simulation only."""

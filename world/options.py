@@ -3,14 +3,13 @@
 The numbers are in configs/world/; the ranges of `randomization` are those of PBHC's Table 7 and its released config.
 """
 
-import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import mujoco
 
 from core.config import config_file, load_options
-from core.errors import InputError
+from core.structured import at_least, none_negative, ordered, positive, within
 
 Range = tuple[float, float]
 
@@ -26,7 +25,7 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        _check_not_negative(self, "noise", [field.name for field in fields(self)])
+        none_negative(self)
 
 
 @dataclass(frozen=True)
@@ -44,11 +43,10 @@ class BandOptions:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        _check_not_negative(self, "band", [field.name for field in fields(self)])
-        if not 0 < self.support <= 1:
-            raise InputError("support", where="band", got=self.support, expected="a share of the weight in (0, 1]")
-        if not (self.stiffness_n_m > 0 and self.frame_height_m > 0):
-            raise InputError("stiffness_n_m and frame_height_m", where="band", expected="values above 0")
+        none_negative(self)
+        for name in ("support", "stiffness_n_m", "frame_height_m"):
+            positive(name, getattr(self, name))
+        within("support", self.support, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -72,18 +70,14 @@ class Randomization:
 
     def __post_init__(self) -> None:
         """Check that ranges are ordered and nothing is negative."""
-        where = "randomization"
-        _check_not_negative(self, where, [field.name for field in fields(self) if field.type is float])
-        for name in ("friction", "kp_scale", "kd_scale", "mass_scale", "inertia_scale", "torque_noise_scale"):
-            _check_range(where, name, getattr(self, name))
-        _check_friction(where, self.friction[0])
-        _check_range(where, "command_delay_s", self.command_delay_s)
-        _check_range(where, "push_interval_s", self.push_interval_s)
-        if min(self.mass_scale[0], self.inertia_scale[0], self.push_interval_s[0], self.torque_noise_hold_s) <= 0:
-            expected = "values above 0"
-            raise InputError(
-                "mass_scale, inertia_scale, push_interval_s, torque_noise_hold_s", where=where, expected=expected
-            )
+        none_negative(self)
+        for field in fields(self):
+            if field.type == Range:
+                ordered(field.name, getattr(self, field.name))
+        _check_friction(self.friction[0])
+        for name in ("mass_scale", "inertia_scale", "push_interval_s"):
+            positive(f"{name}[0]", getattr(self, name)[0])
+        positive("torque_noise_hold_s", self.torque_noise_hold_s)
 
 
 @dataclass(frozen=True)
@@ -107,13 +101,11 @@ class SimOptions:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        given = [name for name in ("friction", "command_delay_s", "push_speed_m_s") if getattr(self, name) is not None]
-        _check_not_negative(self, "sim", [*given, "state_delay_s"])
+        none_negative(self)
         if self.friction is not None:
-            _check_friction("sim", self.friction)
+            _check_friction(self.friction)
         for name in ("timestep_s", "push_interval_s"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(name, where="sim", got=getattr(self, name), expected="seconds above 0")
+            positive(name, getattr(self, name))
 
 
 def load_sim_options(name_or_file: str | Path = "default") -> SimOptions:
@@ -121,18 +113,6 @@ def load_sim_options(name_or_file: str | Path = "default") -> SimOptions:
     return load_options(SimOptions, config_file("world", name_or_file))
 
 
-def _check_not_negative(owner: object, where: str, names: list[str]) -> None:
-    for name in names:
-        if not 0 <= getattr(owner, name) < math.inf:
-            raise InputError(name, where=where, got=getattr(owner, name), expected="a finite number >= 0")
-
-
-def _check_friction(where: str, value: float) -> None:
+def _check_friction(value: float) -> None:
     """With less, MuJoCo's contacts diverge."""
-    if value < mujoco.mjMINMU:
-        raise InputError("friction", where=where, got=value, expected=f"at least {mujoco.mjMINMU:g}")
-
-
-def _check_range(where: str, name: str, value: Range) -> None:
-    if not 0 <= value[0] <= value[1] < math.inf:
-        raise InputError(name, where=where, got=list(value), expected="[low, high] with 0 <= low <= high")
+    at_least("friction", value, mujoco.mjMINMU)

@@ -1,7 +1,7 @@
 """A robot of CAN servos as one YAML file: buses, motors, IMU."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -13,6 +13,7 @@ import numpy as np
 from core.config import config_file, load_options
 from core.errors import InputError
 from core.names import check_same_names
+from core.structured import distinct, one_of, positive, within
 from hal.can.codec import Codec
 from hal.can.codecs import make_codec
 from hal.can.endpoints import EMULATED_AS, bus_arguments
@@ -44,18 +45,13 @@ class BusEntry:
 
     def __post_init__(self) -> None:
         """Check what can be checked without the bus. Raises InputError."""
-        where = f"bus {self.name}"
         for what in ("bitrate", "data_bitrate"):
-            if getattr(self, what) <= 0:
-                raise InputError(what, where=where, got=getattr(self, what), expected="bits per second above 0")
-        if self.emulated_as not in (None, *EMULATED_AS):
-            raise InputError(
-                "emulated_as", where=where, got=self.emulated_as, expected=f"one of {', '.join(EMULATED_AS)}"
-            )
+            positive(what, getattr(self, what))
+        if self.emulated_as is not None:
+            one_of("emulated_as", self.emulated_as, EMULATED_AS, "unknown transport")
         if self.fd and self.emulated_as in ("socketcand", "slcan"):
-            raise InputError(
-                "emulated_as", where=where, got=self.emulated_as, expected="virtual or udp_multicast for FD"
-            )
+            expected = "virtual or udp_multicast"
+            raise InputError("cannot carry FD", where="emulated_as", got=self.emulated_as, expected=expected)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -118,23 +114,18 @@ class RobotFile:
     def __post_init__(self) -> None:
         """Check names, ids and figures. Raises InputError."""
         for what in ("rate_hz", "watchdog_s"):
-            if not 0 < getattr(self, what) < math.inf:
-                raise InputError(what, got=getattr(self, what), expected="a number above 0")
-        if not 0 <= self.band_margin_rad < math.pi:
-            raise InputError("band_margin_rad", got=self.band_margin_rad, expected="an angle from 0 up")
+            positive(what, getattr(self, what))
+        within("band_margin_rad", self.band_margin_rad, 0.0, math.pi)
         if self.watchdog_s < 3.0 / self.rate_hz:
-            raise InputError(
-                "watchdog_s", got=self.watchdog_s, expected=f"at least 3 rounds of the bus, {3e3 / self.rate_hz:g} ms"
-            )
-        _refuse_repeated("bus", [bus.name for bus in self.buses])
-        _refuse_repeated("motor for joint", [motor.joint for motor in self.motors])
+            expected = f"at least 3 rounds of the bus, {3e3 / self.rate_hz:g} ms"
+            raise InputError("too small", where="watchdog_s", got=self.watchdog_s, expected=expected)
         known = [bus.name for bus in self.buses]
+        distinct("buses", known)
+        distinct("motors", [motor.joint for motor in self.motors], "more than one motor for a joint")
         if IMU in known:
-            raise InputError("bus name", got=IMU, expected="another name: this one stands for the IMU")
-        for motor in self.motors:
-            if motor.bus not in known:
-                expected = f"one of {', '.join(known)}"
-                raise InputError("bus", where=f"motor of {motor.joint}", got=motor.bus, expected=expected)
+            raise InputError("bus name", where="buses", got=IMU, expected="another: this one stands for the IMU")
+        for i, motor in enumerate(self.motors):
+            one_of(f"motors[{i} {motor.joint}].bus", motor.bus, known, "unknown bus")
         for bus in self.buses:
             self._check_bus(bus)
 
@@ -205,13 +196,7 @@ class RobotFile:
 
 def load_robot_file(name_or_file: str | Path = DEFAULT_CONFIG) -> RobotFile:
     """`configs/hal/<name>.yaml` or a file. Raises InputError naming file and entry."""
-    path = config_file("hal", name_or_file)
-    try:
-        return load_options(RobotFile, path)
-    except InputError as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise InputError(str(error), where=path) from error
+    return load_options(RobotFile, config_file("hal", name_or_file))
 
 
 def check_motors(file: RobotFile, robot: Robot) -> None:
@@ -239,9 +224,7 @@ def check_motors(file: RobotFile, robot: Robot) -> None:
 
 
 def _range_of(motor: MotorEntry, robot: Robot) -> tuple[float, float]:
-    if motor.joint not in robot.joint_names:
-        expected = f"one of {', '.join(robot.joint_names)}"
-        raise InputError("unknown joint", where=f"motor {motor.id} on {motor.bus}", got=motor.joint, expected=expected)
+    one_of(f"motor {motor.id} on {motor.bus}", motor.joint, robot.joint_names, "unknown joint")
     i = robot.joint_names.index(motor.joint)
     lower, upper = float(robot.pos_lower_rad[i]), float(robot.pos_upper_rad[i])
     if motor.limits.pos_rad is None:
@@ -251,11 +234,6 @@ def _range_of(motor: MotorEntry, robot: Robot) -> tuple[float, float]:
         where = f"motor of {motor.joint}: limits"
         raise InputError("pos_rad", where=where, got=[low, high], expected=f"within {lower:g} to {upper:g}")
     return low, high
-
-
-def _refuse_repeated(what: str, names: Sequence[str]) -> None:
-    if repeated := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"more than one {what}", got=", ".join(repeated))
 
 
 def _overlap(one: IdFilter, other: IdFilter) -> bool:

@@ -1,12 +1,12 @@
 """configs/hal/dds.yaml."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from core.config import load_options
 from core.errors import InputError
+from core.structured import one_of, positive, within
 from hal.dds.slots import HeldJoint
 
 SERVICES = ("release", "none")
@@ -22,10 +22,8 @@ class EmulatorOptions:
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
-        if not 1 <= self.state_hz <= 2000:
-            raise InputError("state_hz", where="dds: emulator", got=self.state_hz, expected="1 to 2000")
-        if not 0 <= self.mode_machine <= 255:
-            raise InputError("mode_machine", where="dds: emulator", got=self.mode_machine, expected="0 to 255")
+        within("state_hz", self.state_hz, 1, 2000)
+        within("mode_machine", self.mode_machine, 0, 255)
 
 
 @dataclass(frozen=True)
@@ -47,14 +45,10 @@ class DdsOptions:
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         for name in ("link_timeout_s", "state_wait_s", "observe_s", "release_s", "held_speed_rad_s"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(name, where="dds", got=getattr(self, name), expected="a finite number above 0")
-        if not 50 <= self.command_hz <= 1000:
-            raise InputError("command_hz", where="dds", got=self.command_hz, expected="50 to 1000")
-        if not 0 <= self.domain <= 232:
-            raise InputError("domain", where="dds", got=self.domain, expected="0 to 232")
-        if self.motion_service not in SERVICES:
-            raise InputError("motion_service", where="dds", got=self.motion_service, expected=" or ".join(SERVICES))
+            positive(name, getattr(self, name))
+        within("command_hz", self.command_hz, 50, 1000)
+        within("domain", self.domain, 0, 232)
+        one_of("motion_service", self.motion_service, SERVICES)
 
 
 def load_dds_options(config: Path, endpoints: Mapping[str, str]) -> DdsOptions:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.errors import InputError
+from core.structured import at_least, one_of, positive, within
 from robot.robot import Robot
 
 # The 29-motor G1, in the order of the wire; the last six of the wire's 35 places have no motor.
@@ -66,16 +67,11 @@ class HeldJoint:
 
     def __post_init__(self) -> None:
         """Check. Raises InputError."""
-        if self.name not in SLOT_NAMES:
-            raise InputError("unknown motor", where="held", got=self.name, expected=f"one of {', '.join(SLOT_NAMES)}")
-        where = f"held: {self.name}"
-        gains = (self.kp, self.kd, self.damping_kd)
-        if not np.isfinite(gains).all() or min(gains) < 0:
-            raise InputError("gains", where=where, got=gains, expected="finite numbers from 0 up")
-        if not 0 < self.torque_nm < np.inf:
-            raise InputError("torque_nm", where=where, got=self.torque_nm, expected="a finite number above 0")
-        if not self.range_rad[0] <= self.pos_rad <= self.range_rad[1]:
-            raise InputError("pos_rad", where=where, got=self.pos_rad, expected=f"inside {list(self.range_rad)}")
+        one_of("name", self.name, SLOT_NAMES, "unknown motor")
+        for gain in ("kp", "kd", "damping_kd"):
+            at_least(gain, getattr(self, gain), 0)
+        positive("torque_nm", self.torque_nm)
+        within("pos_rad", self.pos_rad, *self.range_rad)
 
 
 class SlotMap:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from core.config import load_options
-from core.errors import InputError
+from core.structured import one_of
 from hal.dynamixel import registers as r
 
 P_UNIT, D_UNIT = 1 / 128, 1 / 16
@@ -67,8 +67,7 @@ def known_models() -> dict[str, Model]:
 def find_model(name: str) -> Model:
     """Raises InputError on an unknown name."""
     models = known_models()
-    if name not in models:
-        raise InputError("unknown Dynamixel model", got=name, expected=f"one of {', '.join(models)}")
+    one_of(None, name, models, "unknown Dynamixel model")
     return models[name]
 
 

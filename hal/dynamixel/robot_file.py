@@ -10,6 +10,7 @@ import numpy as np
 
 from core.config import config_file, load_options
 from core.errors import InputError
+from core.structured import distinct, one_of, positive, within
 from hal.contract.joint_map import JointMap
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Model, find_model
@@ -77,21 +78,19 @@ class DynamixelOptions:
     def __post_init__(self) -> None:
         """Check ids, names, rates and loads."""
         for name in ("rate_hz", "supply_v"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(name, got=getattr(self, name), expected="a number above 0")
-        if not r.WATCHDOG_UNIT_S <= self.watchdog_s <= r.WATCHDOG_MAX * r.WATCHDOG_UNIT_S:
-            raise InputError("watchdog_s", got=self.watchdog_s, expected="0.02 to 2.54 s")
+            positive(name, getattr(self, name))
+        within("watchdog_s", self.watchdog_s, r.WATCHDOG_UNIT_S, r.WATCHDOG_MAX * r.WATCHDOG_UNIT_S)
         if self.watchdog_s < 3.0 / self.rate_hz:
-            raise InputError(
-                "watchdog_s", got=self.watchdog_s, expected=f"at least 3 rounds, {3.0 / self.rate_hz:.3f} s"
-            )
+            expected = f"at least 3 rounds, {3.0 / self.rate_hz:.3f} s"
+            raise InputError("too small", where="watchdog_s", got=self.watchdog_s, expected=expected)
         self._check_ports()
         self._check_servos()
         for port in self.ports:
             load = port_load(self, port)
             if load > BUSY_MAX:
                 most = self.rate_hz * BUSY_MAX / load
-                raise InputError("rate_hz", where=f"port {port.name}", got=self.rate_hz, expected=f"at most {most:.0f}")
+                expected = f"at most {most:.0f} Hz for port {port.name}"
+                raise InputError("too much traffic", where="rate_hz", got=self.rate_hz, expected=expected)
 
     def model(self, servo: ServoOptions) -> Model:
         """Raises InputError on an unknown one."""
@@ -110,32 +109,27 @@ class DynamixelOptions:
         return tuple(servo for servo in self.servos if servo.port == port.name)
 
     def _check_ports(self) -> None:
-        _check_unique("port", [port.name for port in self.ports])
-        _check_unique("device", [port.device for port in self.ports] + [self.imu.port])
-        for port in self.ports:
-            if port.baud not in r.BAUDS:
-                expected = f"one of {', '.join(str(baud) for baud in r.BAUDS)}"
-                raise InputError("baud", where=f"port {port.name}", got=port.baud, expected=expected)
+        distinct("ports", [port.name for port in self.ports])
+        distinct("devices", [port.device for port in self.ports] + [self.imu.port])
+        for i, port in enumerate(self.ports):
+            one_of(f"ports[{i} {port.name}].baud", port.baud, r.BAUDS)
             if not self.on(port):
-                raise InputError("no servo", where=f"port {port.name}")
+                raise InputError("no servo", where=f"ports[{i} {port.name}]")
 
     def _check_servos(self) -> None:
         names = [port.name for port in self.ports]
-        _check_unique("joint", [servo.joint for servo in self.servos])
-        _check_unique("id", [f"{servo.id} on port {servo.port}" for servo in self.servos])
-        for servo in self.servos:
-            where = f"servo of {servo.joint}"
-            if servo.port not in names:
-                raise InputError("unknown port", where=where, got=servo.port, expected=f"one of {', '.join(names)}")
-            if not 0 <= servo.id <= MAX_ID:
-                raise InputError("id", where=where, got=servo.id, expected=f"0 to {MAX_ID}")
+        distinct("joints", [servo.joint for servo in self.servos])
+        distinct("ids", [f"{servo.id} on port {servo.port}" for servo in self.servos])
+        for i, servo in enumerate(self.servos):
+            where = f"servos[{i} {servo.joint}]"
+            one_of(f"{where}.port", servo.port, names, "unknown port")
+            within(f"{where}.id", servo.id, 0, MAX_ID)
             port, model = self.ports[names.index(servo.port)], self.model(servo)
             if port.baud > model.baud_max:
-                raise InputError(
-                    "baud", where=where, got=port.baud, expected=f"at most {model.baud_max} for {model.name}"
-                )
+                expected = f"at most {model.baud_max} for {model.name}"
+                raise InputError("its port is too fast", where=where, got=f"{port.baud} baud", expected=expected)
             if port.fast_sync_read and model.fast_firmware is None:
-                raise InputError("fast_sync_read", where=f"port {port.name}", got=f"a {model.name}, which lacks it")
+                raise InputError("its port has fast_sync_read", where=where, got=f"a {model.name}, which lacks it")
 
 
 def load_dynamixel(name_or_file: str | Path) -> DynamixelOptions:
@@ -186,8 +180,3 @@ def port_bytes(options: DynamixelOptions, port: PortOptions) -> int:
 def port_load(options: DynamixelOptions, port: PortOptions) -> float:
     """Share of the wire's time that the rounds take."""
     return options.rate_hz * port_bytes(options, port) * BITS_PER_BYTE / port.baud
-
-
-def _check_unique(what: str, values: list[str]) -> None:
-    if repeated := sorted({value for value in values if values.count(value) > 1}):
-        raise InputError(f"{what} given twice", got=", ".join(repeated))

@@ -1,10 +1,10 @@
 """Which IMU hangs where, as a robot's file says it."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from core.errors import InputError
+from core.structured import one_of, positive
 from hal.imu import hipnuc, witmotion
 from hal.imu.sample import ImuParser, Mounting, Quaternion
 
@@ -41,18 +41,13 @@ class ImuOptions:
 
     def __post_init__(self) -> None:
         """Check kind, rates and mounting."""
-        if self.protocol not in PROTOCOLS:
-            expected = f"one of {', '.join(PROTOCOLS)}"
-            raise InputError("unknown protocol", where="imu", got=self.protocol, expected=expected)
+        one_of("protocol", self.protocol, PROTOCOLS, "unknown protocol")
         for name in ("baud", "rate_hz", "poll_hz"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(name, where="imu", got=getattr(self, name), expected="a number above 0")
+            positive(name, getattr(self, name))
         Mounting(self.imu_to_base_wxyz)
         if self.rate_hz * self.wire_time_s > 1.0:
-            fit = 1.0 / self.wire_time_s
-            raise InputError(
-                "rate_hz", where="imu", got=self.rate_hz, expected=f"at most {fit:.0f} at {self.baud} baud"
-            )
+            expected = f"at most {1.0 / self.wire_time_s:.0f} Hz at {self.baud} baud"
+            raise InputError("too much traffic", where="rate_hz", got=self.rate_hz, expected=expected)
 
     @property
     def wire_time_s(self) -> float:

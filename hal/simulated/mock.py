@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.clock import Clock
-from core.errors import InputError
 from core.rotations import quat_from_axis_angle
+from core.structured import positive
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
@@ -30,10 +30,8 @@ class MockOptions:
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
-        if not self.joint_lag_s > 0:
-            raise InputError("joint_lag_s", where="mock", got=self.joint_lag_s, expected="seconds > 0")
-        if not self.link_timeout_s > 0:
-            raise InputError("link_timeout_s", where="mock", got=self.link_timeout_s, expected="seconds > 0")
+        positive("joint_lag_s", self.joint_lag_s)
+        positive("link_timeout_s", self.link_timeout_s)
 
 
 class MockBackend(ClosesByDamping):

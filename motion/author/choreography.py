@@ -20,11 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
-
+from core.config import errors_in, read_yaml
 from core.errors import InputError
+from core.structured import check_keys, parse, within
 
 FOOT = ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad")
 ARM = ("x_m", "y_m", "z_m", "swivel_rad")
@@ -81,16 +79,15 @@ def load_choreography(path: Path, stand: Mapping[str, tuple[float, ...]]) -> Cho
 
     Raises InputError naming file and key.
     """
-    table = _read(path)
-    _check_fields(table, FILE_FIELDS, FILE_FIELDS, str(path))
-    fps = _number(table["fps"], f"{path}: fps")
-    if not 1.0 <= fps <= 1000.0:
-        raise InputError("out of range", where=f"{path}: fps", got=fps, expected="1 to 1000 frames per second")
-    keys = table["keys"]
-    if not isinstance(keys, list) or len(keys) < 2 or not all(isinstance(key, dict) for key in keys):
-        raise InputError("wrong value", where=f"{path}: keys", got=keys, expected="a list of two or more key poses")
-    for i, key in enumerate(keys):
-        _check_fields(key, KEY_FIELDS, ("at_s",), f"{path}: keys[{i}]")
+    table = read_yaml(path, resolve=False)
+    with errors_in(path):
+        check_keys(table, FILE_FIELDS, "")
+        fps, keys = parse(float, table["fps"], "fps"), table["keys"]
+        within("fps", fps, 1.0, 1000.0)
+        if not isinstance(keys, list) or len(keys) < 2:
+            raise InputError("wrong value", where="keys", got=keys, expected="a list of two or more key poses")
+        for i, key in enumerate(keys):
+            check_keys(key, KEY_FIELDS, f"keys[{i}]", optional=KEY_FIELDS[1:])
     times = _checked_times(keys, path, fps)
     poses = tuple(str(key.get("pose", "")) for key in keys)
     knots = {group: [Knot(0.0, 0, stand[group])] for group in GROUPS}
@@ -103,29 +100,10 @@ def load_choreography(path: Path, stand: Mapping[str, tuple[float, ...]]) -> Cho
     return Choreography(path, fps, times, poses, knots)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        table = OmegaConf.to_container(OmegaConf.load(path))
-    except FileNotFoundError as error:
-        raise InputError("no such file", where=path, hint="choreographies are in configs/motion") from error
-    except (OSError, UnicodeDecodeError, YAMLError, OmegaConfBaseException) as error:
-        raise InputError("cannot be read as YAML", where=path, got=" ".join(str(error).split())) from error
-    if not isinstance(table, dict):
-        raise InputError("wrong value", where=path, got=type(table).__name__, expected=", ".join(FILE_FIELDS))
-    return {str(name): value for name, value in table.items()}
-
-
-def _check_fields(table: Mapping[str, Any], known: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
-    unknown, missing = [n for n in table if n not in known], [n for n in needed if n not in table]
-    if unknown or missing:
-        got = "; ".join(f"{k} {', '.join(map(str, n))}" for k, n in (("unknown", unknown), ("missing", missing)) if n)
-        raise InputError("wrong fields", where=where, got=got, expected=", ".join(known))
-
-
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e6:
-        raise InputError("wrong value", where=where, got=value, expected="a number")
-    return float(value)
+    number = parse(float, value, where)
+    within(where, number, -1e6, 1e6)
+    return number
 
 
 def _checked_times(keys: list[dict[str, Any]], path: Path, fps: float) -> tuple[float, ...]:
@@ -182,7 +160,7 @@ def _values(group: str, table: Any, last: tuple[float, ...], where: str) -> tupl
             raise InputError("wrong value", where=f"{where}.hand_m", got=hand, expected="[x, y, z] in the torso frame")
         table |= dict(zip(ARM, hand, strict=False))
     arc_m = _number(table.pop("arc_m", 0.0), f"{where}.arc_m") if group.endswith("_foot") else 0.0
-    _check_fields(table, GROUPS[group], (), where)
+    check_keys(table, GROUPS[group], where, optional=GROUPS[group])
     numbers = {name: _number(value, f"{where}.{name}") for name, value in table.items()}
     return tuple(numbers.get(name, old) for name, old in zip(GROUPS[group], last, strict=True)), arc_m
 

@@ -3,15 +3,15 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
+from core.config import CONFIGS, load_options
 from core.errors import InputError
+from core.structured import check_keys, distinct
 from motion.human.motion import JOINTS
-from robot.description import check_keys, finite_number, read_yaml
 
-SKELETONS = Path(__file__).resolve().parents[2] / "configs" / "motion" / "skeletons"
+SKELETONS = CONFIGS / "motion" / "skeletons"
 OPTIONAL = frozenset({"spine1", "spine2", "spine3", "left_collar", "right_collar", "head"})
-_FIELDS = {"joints", "t_pose", "foot"}
 _CHANNELS = ("Xrotation", "Yrotation", "Zrotation")
 
 
@@ -34,27 +34,38 @@ class SkeletonMap:
         return next((p for p in sorted(prefixes, key=len) if all(p + name in names for name in wanted)), None)
 
 
+@dataclass(frozen=True)
+class _Foot:
+    at: Literal["ball", "toe"]
+    above_sole_m: float
+
+
+@dataclass(frozen=True)
+class _File:
+    joints: dict[str, str]
+    t_pose: dict[str, dict[str, float]]
+    foot: _Foot
+
+    def __post_init__(self) -> None:
+        check_keys(self.joints, JOINTS, "joints", optional=OPTIONAL)
+        distinct("joints", list(self.joints.values()), "one joint for several")
+        for name, channels in self.t_pose.items():
+            check_keys(channels, _CHANNELS, f"t_pose.{name}", optional=_CHANNELS)
+
+
 def load_skeleton_map(path: Path) -> SkeletonMap:
     """The map in a YAML file. Raises InputError naming file and field."""
     if not path.is_file():
         raise InputError("no such file", where="--skeleton", got=path, expected="a mapping like those in " + _bundled())
-    table = read_yaml(path)
-    check_keys(table, _FIELDS, where=str(path))
-    joints = table["joints"]
-    check_keys(joints, set(JOINTS) - OPTIONAL, where=f"{path}: joints", optional=OPTIONAL)
-    theirs = [str(name) for name in joints.values()]
-    if repeated := sorted({name for name in theirs if theirs.count(name) > 1}):
-        raise InputError("one joint for several", where=f"{path}: joints", got=", ".join(repeated))
-    check_keys(table["foot"], {"at", "above_sole_m"}, where=f"{path}: foot")
-    if table["foot"]["at"] not in ("ball", "toe"):
-        raise InputError("wrong value", where=f"{path}: foot: at", got=table["foot"]["at"], expected="ball or toe")
-    above_sole_m = finite_number(table["foot"]["above_sole_m"], where=f"{path}: foot: above_sole_m")
+    file = load_options(_File, path)
     return SkeletonMap(
         name=path.stem,
-        joints={str(ours): str(name) for ours, name in joints.items()},
-        t_pose_deg=_t_pose(table["t_pose"], f"{path}: t_pose"),
-        at_toe=table["foot"]["at"] == "toe",
-        above_sole_m=above_sole_m,
+        joints=file.joints,
+        t_pose_deg={
+            name: {channel.lower(): angle for channel, angle in pose.items()} for name, pose in file.t_pose.items()
+        },
+        at_toe=file.foot.at == "toe",
+        above_sole_m=file.foot.above_sole_m,
     )
 
 
@@ -73,19 +84,6 @@ def recognised(names: Collection[str], where: str) -> SkeletonMap:
             "unknown skeleton", where=where, got=f"joints {got} ...", expected=f"that of {known}", hint=hint
         )
     return max(fitting, key=lambda m: len(m.joints))
-
-
-def _t_pose(table: Any, where: str) -> dict[str, dict[str, float]]:
-    if not isinstance(table, Mapping):
-        raise InputError("not a table", where=where, got=type(table).__name__, expected="joints, or {}")
-    pose = {}
-    for name, channels in table.items():
-        check_keys(channels, set(), where=f"{where}: {name}", optional=frozenset(_CHANNELS))
-        pose[str(name)] = {
-            str(channel).lower(): finite_number(value, where=f"{where}: {name}: {channel}")
-            for channel, value in channels.items()
-        }
-    return pose
 
 
 def _bundled() -> str:

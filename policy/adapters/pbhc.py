@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-import yaml
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
+from core.config import errors_in, read_yaml
 from core.errors import InputError
+from core.structured import parse, pick, positive, within
 from policy.observation import check_terms
 from policy.spec import MAX_LAG, ActorSpec, ObservationGroup, ObservationTerm
 
@@ -27,119 +26,72 @@ def read_spec(config_path: Path, input_names: Sequence[str], robot_name: str) ->
     ``input_names`` are the graph's inputs, each an entry of ``obs.obs_dict``. InputError naming file and
     key for what is missing, ambiguous or not supported.
     """
-    try:
-        return _spec(_Config(config_path), input_names, robot_name)
-    except InputError as error:
-        raise InputError(str(error), where=config_path) from error
+    config = read_yaml(config_path, resolve=False)
+    with errors_in(config_path):
+        return _spec(config, input_names, robot_name)
 
 
-def _spec(config: _Config, input_names: Sequence[str], robot_name: str) -> ActorSpec:
-    joint_names = config.names("robot.dof_names")
-    default = config.table("robot.init_state.default_joint_angles")
+def _spec(config: dict[str, Any], input_names: Sequence[str], robot_name: str) -> ActorSpec:
+    joint_names = pick(tuple[str, ...], config, "robot.dof_names")
+    default = pick(dict[str, float], config, "robot.init_state.default_joint_angles")
     if sorted(default) != sorted(joint_names):
         differing = ", ".join(sorted(set(default) ^ set(joint_names)))
         where = "robot.init_state.default_joint_angles"
         raise InputError("joints differ from robot.dof_names", where=where, got=differing)
-    config.expect("robot.control.control_type", "P")
-    config.expect("robot.control.isaac_pd_scale", False)
+    pick(Literal["P"], config, "robot.control.control_type")
+    pick(Literal[False], config, "robot.control.isaac_pd_scale")
+    ticks, rate_hz = (_above_0(config, f"simulator.config.sim.{key}") for key in ("control_decimation", "fps"))
     return ActorSpec(
         robot=robot_name,
-        joint_names=tuple(joint_names),
-        default_pos_rad=np.array([config.check_number(default[name], name) for name in joint_names]),
+        joint_names=joint_names,
+        default_pos_rad=np.array([default[name] for name in joint_names]),
         kp=_gains(config, "robot.control.stiffness", joint_names),
         kd=_gains(config, "robot.control.damping", joint_names),
-        action_scale=np.full(len(joint_names), config.number("robot.control.action_scale")),
-        action_clip=config.number("robot.control.action_clip_value"),
-        control_period_s=config.above_0("simulator.config.sim.control_decimation")
-        / config.above_0("simulator.config.sim.fps"),
+        action_scale=np.full(len(joint_names), pick(float, config, "robot.control.action_scale")),
+        action_clip=pick(float, config, "robot.control.action_clip_value"),
+        control_period_s=ticks / rate_hz,
         observations=tuple(_group(config, name) for name in input_names),
         history_start="zeros",
-        provenance={"source": "PBHC", "experiment": str(config.value("experiment_name"))},
+        provenance={"source": "PBHC", "experiment": str(pick(Any, config, "experiment_name"))},
     )
 
 
-def _group(config: _Config, name: str) -> ObservationGroup:
+def _above_0(config: dict[str, Any], key: str) -> float:
+    value: float = pick(float, config, key)
+    positive(key, value)
+    return value
+
+
+def _group(config: dict[str, Any], name: str) -> ObservationGroup:
     """The observation of graph input ``name``, in the order of PBHC's code."""
-    scales = config.table("obs.obs_scales")
-    histories = config.table("obs.obs_auxiliary")
-    clip = config.number("env.config.normalization.clip_observations")
+    scales = pick(dict[str, Any], config, "obs.obs_scales")
+    histories = pick(dict[str, Any], config, "obs.obs_auxiliary")
+    clip = pick(float, config, "env.config.normalization.clip_observations")
 
     def scale(key: str) -> float:
-        return config.check_number(scales.get(key), f"obs.obs_scales.{key}")
+        return parse(float, scales.get(key), f"obs.obs_scales.{key}")
 
     terms = []
-    for key in sorted(config.names(f"obs.obs_dict.{name}")):
+    for key in sorted(pick(tuple[str, ...], config, f"obs.obs_dict.{name}")):
         if key not in histories:
             terms.append(ObservationTerm(key, (0,), scale(key), clip))
             continue
-        lengths = config.table(f"obs.obs_auxiliary.{key}")
-        for term in sorted(lengths):
-            length = lengths[term]
-            if isinstance(length, bool) or not isinstance(length, int) or not 1 <= length <= MAX_LAG:
-                where = f"obs.obs_auxiliary.{key}.{term}"
-                raise InputError("no usable length", where=where, got=repr(length), expected=f"1 to {MAX_LAG}")
+        for term, length in sorted(pick(dict[str, int], config, f"obs.obs_auxiliary.{key}").items()):
+            within(f"obs.obs_auxiliary.{key}.{term}", length, 1, MAX_LAG)
             terms.append(ObservationTerm(term, tuple(range(1, length + 1)), scale(term) * scale(key), clip))
     group = ObservationGroup(name, tuple(terms))
     check_terms(group, f"obs.obs_dict.{name}")
     return group
 
 
-def _gains(config: _Config, key: str, joint_names: Iterable[str]) -> np.ndarray:
+def _gains(config: dict[str, Any], key: str, joint_names: Iterable[str]) -> np.ndarray:
     """One gain per joint (J,): the entry whose name is part of the joint's name, exactly one."""
-    table = config.table(key)
+    table = pick(dict[str, Any], config, key)
     values = []
     for joint in joint_names:
         matches = [part for part in table if part in joint]
         if len(matches) != 1:
             got = ", ".join(matches) or "none"
             raise InputError(f"no single gain for {joint}", where=key, got=got, expected="one match")
-        values.append(config.check_number(table[matches[0]], f"{key}.{matches[0]}"))
+        values.append(parse(float, table[matches[0]], f"{key}.{matches[0]}"))
     return np.array(values)
-
-
-class _Config:
-    """The raw YAML, looked up by dotted key, with errors that name the key."""
-
-    def __init__(self, path: Path) -> None:
-        try:
-            self._root = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, OmegaConfBaseException) as error:
-            raise InputError(f"cannot be read ({' '.join(str(error).split())})") from error
-
-    def value(self, key: str) -> Any:
-        node: Any = self._root
-        for part in key.split("."):
-            if not isinstance(node, dict) or part not in node:
-                raise InputError("missing", where=key, expected="a PBHC training config")
-            node = node[part]
-        return node
-
-    def table(self, key: str) -> dict[str, Any]:
-        value = self.value(key)
-        if not isinstance(value, dict):
-            raise InputError("no table", where=key, got=value, expected="names with values")
-        return value
-
-    def names(self, key: str) -> list[str]:
-        value = self.value(key)
-        if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
-            raise InputError("no list of names", where=key, got=value)
-        return value
-
-    def number(self, key: str) -> float:
-        return self.check_number(self.value(key), key)
-
-    def above_0(self, key: str) -> float:
-        value = self.number(key)
-        if not value > 0.0:
-            raise InputError("not usable", where=key, got=value, expected="above 0")
-        return value
-
-    def check_number(self, value: Any, key: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError("no number", where=key, got=repr(value), expected="a number")
-        return float(value)
-
-    def expect(self, key: str, expected: Any) -> None:
-        if (got := self.value(key)) != expected:
-            raise InputError("not supported", where=key, got=repr(got), expected=repr(expected))

@@ -33,14 +33,23 @@ def test_the_thresholds_of_the_design():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"stand_up__ramp_s": 0.5}, "ramp_s"),
-        ({"stand_up__speed_rad_s": 1.0}, "speed_rad_s"),
-        ({"safety__tilt__ticks": 0}, "ticks"),
-        ({"safety__tilt__max_rad": -1.0}, "max_rad"),
-        ({"safety__tilt__max_rad": "steep"}, "max_rad"),
-        ({"safety__tilt__max_rad": float("nan")}, "max_rad"),
-        ({"safety__luck": {"ticks": 1}}, "luck"),
-        ({"blend_s": None}, "blend_s"),
+        ({"stand_up__ramp_s": 0.5}, r"deploy\.yaml: stand_up\.ramp_s: too small, got 0\.5, expected at least 1\.0 s$"),
+        (
+            {"stand_up__speed_rad_s": 1.0},
+            r"stand_up\.speed_rad_s: out of range, got 1\.0, expected a number in \[0\.0, 0\.8\] rad/s$",
+        ),
+        ({"safety__tilt__ticks": 0}, r"safety\.tilt\.ticks: too small, got 0, expected at least 1$"),
+        ({"safety__tilt__max_rad": -1.0}, r"safety\.tilt\.max_rad: too small, got -1\.0, expected at least 0 rad$"),
+        (
+            {"safety__tilt__max_rad": "steep"},
+            r"safety\.tilt\.max_rad: wrong type, got 'steep', expected a number in rad$",
+        ),
+        (
+            {"safety__tilt__max_rad": float("nan")},
+            r"safety\.tilt\.max_rad: not finite, got nan, expected a finite number$",
+        ),
+        ({"safety__luck": {"ticks": 1}}, r"safety\.luck: unknown key, expected one of torque_limit, .*temperature$"),
+        ({"blend_s": None}, r"blend_s: wrong type, got None, expected a number in s$"),
     ],
 )
 def test_unusable_values_are_named(tmp_path, change, says):

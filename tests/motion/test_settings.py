@@ -36,13 +36,13 @@ def test_every_section_fits(kind, name):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("two: {a_s: 1, b_m: x}", "two: b_m: not a finite number, got 'x'"),
-        ("two: {a_s: 1, b_m: .nan}", "two: b_m: not a finite number"),
-        ("two: {a_s: 1, b_m: -2}", "two: b_m: negative, got -2.0, expected 0 or more"),
-        ("two: {a_s: 1}", "two: missing field b_m, expected a_s, b_m"),
-        ("two: {a_s: 1, b_m: 2, c: 3}", "two: unknown field c"),
-        ("two: 5", "two: not a table"),
-        ("one: {}", "no such section, got one, expected two"),
+        ("two: {a_s: 1, b_m: x}", "two.b_m: wrong type, got 'x', expected a number in m"),
+        ("two: {a_s: 1, b_m: .nan}", "two.b_m: not finite, got nan"),
+        ("two: {a_s: 1, b_m: -2}", "two.b_m: too small, got -2.0, expected at least 0 m"),
+        ("two: {a_s: 1}", "two.b_m: missing key, got a_s"),
+        ("two: {a_s: 1, b_m: 2, c: 3}", "two.c: unknown key, expected one of a_s, b_m"),
+        ("two: 5", "two: wrong type, got 5, expected a mapping"),
+        ("one: {}", "two: missing key, got one"),
         ("two: [", "not a readable YAML file"),
     ],
 )

@@ -108,32 +108,68 @@ def _row(table, name):
 BROKEN = {
     "unknown joint": (lambda t: _row(t, "left_hip").update(name="tail"), "joints: unknown tail, missing left_hip"),
     "missing joint": (lambda t: t["joints"].pop(1), "joints: missing left_ankle"),
-    "duplicate joint": (lambda t: t["joints"].append(copy.copy(t["joints"][0])), "joints: duplicate left_hip"),
-    "wrong order": (lambda t: t["joints"].reverse(), "row 0 is not in the MJCF's order, got right_ankle"),
-    "range of one": (lambda t: _row(t, "left_hip").update(range_rad=[1.0]), "left_hip: range_rad: wrong length"),
-    "empty range": (lambda t: _row(t, "left_hip").update(range_rad=[1.0, -1.0]), "left_hip: range_rad: empty range"),
-    "nan": (lambda t: _row(t, "left_hip").update(kp=float("nan")), "left_hip: kp: not a finite number, got nan"),
-    "text": (lambda t: _row(t, "left_hip").update(kd="stiff"), "left_hip: kd: not a finite number, got 'stiff'"),
-    "negative gain": (lambda t: _row(t, "left_hip").update(kp=-1), "kp of left_hip, got -1.0, expected a"),
+    "duplicate joint": (lambda t: t["joints"].append(copy.copy(t["joints"][0])), "joints: given twice, got left_hip"),
+    "wrong order": (
+        lambda t: t["joints"].reverse(),
+        "joints[0]: not in the MJCF's order, got right_ankle, expected left_hip",
+    ),
+    "range of one": (
+        lambda t: _row(t, "left_hip").update(range_rad=[1.0]),
+        "joints[0 left_hip].range_rad: wrong length, got [1.0]",
+    ),
+    "empty range": (
+        lambda t: _row(t, "left_hip").update(range_rad=[1.0, -1.0]),
+        "joints[0 left_hip].range_rad: empty range",
+    ),
+    "nan": (lambda t: _row(t, "left_hip").update(kp=float("nan")), "joints[0 left_hip].kp: not finite, got nan"),
+    "text": (
+        lambda t: _row(t, "left_hip").update(kd="stiff"),
+        "joints[0 left_hip].kd: wrong type, got 'stiff', expected a number",
+    ),
+    "negative gain": (
+        lambda t: _row(t, "left_hip").update(kp=-1),
+        "joints[0 left_hip].kp: not positive, got -1.0, expected a",
+    ),
     "other range": (
         lambda t: _row(t, "left_hip").update(range_rad=[-1.4, 1.2]),
-        "left_hip is not the MJCF's, got -1.4",
+        "joints[0 left_hip].range_rad: not the MJCF's, got [-1.4, 1.2], expected [-1.5, 1.2]",
     ),
-    "other torque": (lambda t: _row(t, "left_hip").update(torque_nm=61), "torque_nm of left_hip is not the MJCF's"),
-    "pose outside": (lambda t: _row(t, "left_hip").update(default_rad=2), "default_rad of left_hip, got 2.0"),
-    "missing column": (lambda t: _row(t, "left_hip").pop("kd"), "left_hip: missing field kd"),
-    "unknown column": (lambda t: _row(t, "left_hip").update(stiffness=3), "left_hip: unknown field stiffness"),
-    "unknown field": (lambda t: t.update(colour="red"), "unknown field colour"),
-    "missing field": (lambda t: t.pop("feet"), "missing field feet"),
-    "no joints": (lambda t: t.update(joints=[]), "joints: not a list of joints"),
-    "unknown body": (lambda t: t.update(penalized_contact_bodies=["tail"]), "bodies: unknown name, got tail"),
-    "repeated body": (lambda t: t.update(ankle_bodies=["left_foot", "left_foot"]), "ankle_bodies: repeated name"),
-    "point on nothing": (lambda t: _set(t, "points", 0, "parent", "tail"), "head: parent: unknown name, got tail"),
-    "flat point": (lambda t: _set(t, "points", 0, "offset_m", [0, 0]), "points: row 0: offset_m, got [0, 0]"),
-    "point like a body": (lambda t: _set(t, "points", 0, "name", "trunk"), "points: duplicate trunk"),
+    "other torque": (
+        lambda t: _row(t, "left_hip").update(torque_nm=61),
+        "joints[0 left_hip].torque_nm: not the MJCF's, got 61.0, expected 60.0",
+    ),
+    "pose outside": (
+        lambda t: _row(t, "left_hip").update(default_rad=2),
+        "joints[0 left_hip].default_rad: out of range, got 2.0, expected a number in [-1.5, 1.2] rad",
+    ),
+    "missing column": (lambda t: _row(t, "left_hip").pop("kd"), "joints[0 left_hip].kd: missing key"),
+    "unknown column": (
+        lambda t: _row(t, "left_hip").update(stiffness=3),
+        "joints[0 left_hip].stiffness: unknown key, expected one of name, default_rad, kp",
+    ),
+    "unknown field": (lambda t: t.update(colour="red"), "colour: unknown key, expected one of name, mjcf"),
+    "missing field": (lambda t: t.pop("feet"), "feet: missing key"),
+    "no joints": (lambda t: t.update(joints=[]), "joints: no joints"),
+    "unknown body": (
+        lambda t: t.update(penalized_contact_bodies=["tail"]),
+        "penalized_contact_bodies[0]: unknown body or point, got tail, expected one of trunk",
+    ),
+    "repeated body": (
+        lambda t: t.update(ankle_bodies=["left_foot", "left_foot"]),
+        "ankle_bodies: given twice, got left_foot",
+    ),
+    "point on nothing": (
+        lambda t: _set(t, "points", 0, "parent", "tail"),
+        "points[0 head].parent: unknown body, got tail",
+    ),
+    "flat point": (
+        lambda t: _set(t, "points", 0, "offset_m", [0, 0]),
+        "points[0 head].offset_m: wrong length, got [0, 0], expected a list of 3 numbers",
+    ),
+    "point like a body": (lambda t: _set(t, "points", 0, "name", "trunk"), "points: given twice, got trunk"),
     "foot without sole": (lambda t: _set(t, "feet", "left", "trunk"), "3 or more colliding spheres, got 0 on trunk"),
     "other root": (lambda t: t.update(root_body="left_leg"), "the root must be the MJCF's first body"),
-    "no imu": (lambda t: t.update(imu_site="nose"), "imu_site is not in the MJCF, got nose, expected one of imu"),
+    "no imu": (lambda t: t.update(imu_site="nose"), "imu_site: not in the MJCF, got nose, expected one of imu"),
     "soft factor": (lambda t: t.update(soft_limit_factor=1.2), "soft_limit_factor: out of range, got 1.2"),
     "no mjcf": (lambda t: t.update(mjcf="nowhere.xml"), "mjcf: no such file"),
 }
@@ -148,7 +184,7 @@ def test_broken_descriptions_are_refused_by_name(broken, case):
 
 
 def test_unknown_robot_lists_the_bundled_ones():
-    with pytest.raises(InputError, match=r"unknown robot, got g2, expected one of g1_23dof"):
+    with pytest.raises(InputError, match=r"unknown robot configuration, got g2, expected one of g1_23dof"):
         load_robot("g2")
 
 

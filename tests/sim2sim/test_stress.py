@@ -57,10 +57,22 @@ def test_bundled_conditions_are_those_that_benchmarks_report() -> None:
     assert conditions["randomised"].randomize and conditions["randomised"].episodes == 100
 
 
-@pytest.mark.parametrize("wrong", [{"sim": "other"}, {"episodes": 0}, {"friction": -1.0}, {"delay_ms": float("nan")}])
-def test_impossible_conditions_are_refused(wrong: dict) -> None:
-    with pytest.raises(InputError, match="row"):
-        Condition(**({"name": "row", "sim": "default", "episodes": 1} | wrong))
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ("sim: other", "sim: unknown choice, got other, expected one of default, reference"),
+        ("episodes: 0", "episodes: too small, got 0, expected at least 1"),
+        ("friction: -1.0", "friction: too small, got -1.0, expected at least 0"),
+        ("delay_ms: .nan", "delay_ms: not finite, got nan, expected a finite number"),
+    ],
+)
+def test_impossible_conditions_are_refused(tmp_path: Path, wrong: str, text: str) -> None:
+    path = tmp_path / "mine.yaml"
+    lines = {"sim": "sim: default", "episodes": "episodes: 1", wrong.split(":")[0]: wrong}
+    path.write_text(f"conditions: [{{name: icy, {', '.join(lines.values())}}}]")
+    with pytest.raises(InputError) as caught:
+        load_conditions(str(path))
+    assert str(caught.value) == f"{path}: conditions[0 icy].{text}"
 
 
 def test_command(still: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

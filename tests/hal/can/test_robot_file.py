@@ -48,26 +48,38 @@ def test_the_buses_take_turns_within_a_period() -> None:
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("rate_hz: 200 ", "rate_hz: 0 ", "rate_hz, got 0.0"),
-        ("watchdog_s: 0.1 ", "watchdog_s: 0.01 ", "watchdog_s, got 0.01, expected at least 3 rounds of the bus, 15 ms"),
-        ("bus: left_leg,  id:  1", "bus: tail, id: 1", "motor of left_hip_pitch_joint: bus, got tail"),
+        ("rate_hz: 200 ", "rate_hz: 0 ", "robot.yaml: rate_hz: not positive, got 0.0, expected a number above 0 Hz"),
+        (
+            "watchdog_s: 0.1 ",
+            "watchdog_s: 0.01 ",
+            "watchdog_s: too small, got 0.01, expected at least 3 rounds of the bus, 15 ms",
+        ),
+        (
+            "bus: left_leg,  id:  1",
+            "bus: tail, id: 1",
+            "motors[0 left_hip_pitch_joint].bus: unknown bus, got tail, expected one of left_leg",
+        ),
         ("id:  2, codec: damiao", "id:  1, codec: damiao", "motors share an identifier, got left_hip_pitch_joint and"),
         ("codec: damiao,    model: DM10010L", "codec: servo, model: DM10010L", "servo protocol, got servo"),
         ("model: DM10010L", "model: DM9", "damiao model, got 'DM9'"),
         ("direction:  1", "direction:  2", "direction, got 2.0, expected 1 or -1"),
-        ("joint: left_knee_joint", "joint: left_hip_roll_joint", "more than one motor for joint, got left_hip_roll"),
+        ("joint: left_knee_joint", "joint: left_hip_roll_joint", "more than one motor for a joint, got left_hip_roll"),
         ("joint: left_knee_joint", "joint: tail_joint", "missing left_knee_joint"),
         ("rate_hz: 200 ", "rate_hz: 400 ", "bus left_arm: too much traffic, got 84% at 400 Hz"),
-        ("name: left_leg, ", "name: imu, ", "bus name, got imu"),
-        ("channel: can0,", "canal: can0,", "unknown entry, got canal"),
-        ("bitrate: 1000000}", "bitrate: 1000000, emulated_as: smoke}", "emulated_as, got smoke"),
+        ("name: left_leg, ", "name: imu, ", "buses: bus name, got imu"),
+        ("channel: can0,", "canal: can0,", "buses[0 left_leg].canal: unknown key"),
+        (
+            "bitrate: 1000000}",
+            "bitrate: 1000000, emulated_as: smoke}",
+            "buses[0 left_leg].emulated_as: unknown transport, got smoke, expected one of",
+        ),
         ("model: DM8009, ", "model: DM4310, ", "DM4310 is too weak, got 10 Nm at the joint, expected 50 Nm"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
-    with pytest.raises(InputError, match=message.replace("(", r"\(").replace("%", "%")) as caught:
+    with pytest.raises(InputError) as caught:
         make_factory(changed(tmp_path, before, after), {})(G1)
-    assert "\n" not in str(caught.value)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_motor_may_be_weaker_where_its_line_says_so(tmp_path: Path) -> None:

@@ -139,7 +139,7 @@ def test_robot_and_held_joints_share_out_the_motors() -> None:
         SlotMap(G1, twice)
     with pytest.raises(InputError, match="unknown motor, got tail"):
         dataclasses.replace(OPTIONS.held[0], name="tail")
-    with pytest.raises(InputError, match=r"pos_rad, got 3\.0"):
+    with pytest.raises(InputError, match=r"pos_rad: out of range, got 3\.0"):
         dataclasses.replace(OPTIONS.held[0], pos_rad=3.0)
 
 

@@ -53,11 +53,11 @@ def test_figures_that_cannot_be_are_refused(changes: dict[str, float], message: 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"id": 253}, "id"),
-        ({"id": 2}, "id given twice"),
-        ({"port": "tail"}, "unknown port"),
+        ({"id": 253}, "servos.0 left_hip_pitch_joint..id: out of range, got 253"),
+        ({"id": 2}, "ids: given twice, got 2 on port left_leg"),
+        ({"port": "tail"}, "servos.0 left_hip_pitch_joint..port: unknown port, got tail, expected one of left_leg"),
         ({"model": "XM431"}, "unknown Dynamixel model"),
-        ({"joint": "left_hip_roll_joint"}, "joint given twice"),
+        ({"joint": "left_hip_roll_joint"}, "joints: given twice, got left_hip_roll_joint"),
         ({"model": "2XL430-W250"}, "fast_sync_read"),
     ],
 )

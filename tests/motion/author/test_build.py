@@ -61,8 +61,8 @@ def test_hand_goes_where_the_key_says(robot: Robot, tmp_path: Path):
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("head: {yaw_rad: 0.1}", ["keys[2]", "unknown head", "left_foot"]),
-        ("pelvis: {height_m: 0.1}", ["keys[2]", "pelvis", "unknown height_m", "sink_m"]),
+        ("head: {yaw_rad: 0.1}", ["keys[2]", "keys[2].head: unknown key", "left_foot"]),
+        ("pelvis: {height_m: 0.1}", ["keys[2]", "pelvis", "pelvis.height_m: unknown key", "sink_m"]),
         ("pelvis: {sink_m: low}", ["keys[2]", "sink_m", "low", "a number"]),
         ("pelvis: 3", ["keys[2]", "pelvis", "got 3", "table"]),
         ("hold: [tail]", ["keys[2]", "hold", "tail", "left_arm"]),
@@ -89,18 +89,18 @@ def test_a_wrong_key_is_one_error_naming_it(robot: Robot, tmp_path: Path, key: s
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("fps: 50", ["missing keys"]),
+        ("fps: 50", ["keys: missing key"]),
         ("fps: 0\nkeys: [{at_s: 0}, {at_s: 1}]", ["fps", "out of range"]),
-        ("fps: 50\nspeed: 2\nkeys: [{at_s: 0}, {at_s: 1}]", ["unknown speed"]),
+        ("fps: 50\nspeed: 2\nkeys: [{at_s: 0}, {at_s: 1}]", ["speed: unknown key"]),
         ("fps: 50\nkeys: []", ["keys", "two or more"]),
-        ("fps: 50\nkeys: [{at_s: 0}, {pose: x}]", ["keys[1]", "missing at_s"]),
+        ("fps: 50\nkeys: [{at_s: 0}, {pose: x}]", ["keys[1]", "keys[1].at_s: missing key"]),
         ("fps: 50\nkeys: [{at_s: 1}, {at_s: 2}]", ["keys[0].at_s", "got 1.0", "expected 0"]),
         ("fps: 50\nkeys: [{at_s: 0}, {at_s: 2}, {at_s: 2}]", ["keys[2].at_s", "do not increase"]),
-        ("fps: 50\nkeys: [{at_s: 0}, {at_s: .nan}]", ["keys[1].at_s", "a number"]),
+        ("fps: 50\nkeys: [{at_s: 0}, {at_s: .nan}]", ["keys[1].at_s", "a finite number"]),
         ("fps: 50\nkeys: [{at_s: 0}, {at_s: 1.013}]", ["keys[1].at_s", "whole number of frames"]),
         ("fps: 50\nkeys: [{at_s: 0}, {at_s: 1, pelvis: {sink_m: 0.05}}]", ["does not end in the stand pose", "pelvis"]),
-        ("keys: [", ["cannot be read as YAML"]),
-        ("- 1", ["got list"]),
+        ("keys: [", ["not a readable YAML file"]),
+        ("- 1", ["got a list"]),
     ],
 )
 def test_a_wrong_file_is_one_error_naming_it(robot: Robot, tmp_path: Path, text: str, words: list[str]):

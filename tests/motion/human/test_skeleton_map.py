@@ -26,18 +26,30 @@ def test_each_is_recognised_by_its_own_names(name):
 
 
 WRONG = {
-    "missing joint": (("  neck: Neck\n", ""), "joints: missing field neck"),
-    "unknown joint": (("  neck: Neck\n", "  neck: Neck\n  tail: Tail\n"), "joints: unknown field tail"),
+    "missing joint": (("  neck: Neck\n", ""), r"joints\.neck: missing key"),
+    "unknown joint": (
+        ("  neck: Neck\n", "  neck: Neck\n  tail: Tail\n"),
+        r"joints\.tail: unknown key, expected one of pelvis",
+    ),
     "one for several": (("neck: Neck", "neck: Head"), "joints: one joint for several, got Head"),
-    "unknown field": (("t_pose: {}", "t_pose: {}\nunits: cm"), "unknown field units"),
-    "no foot": (("foot:", "feet:"), "unknown field feet and missing field foot"),
-    "where": (("at: toe", "at: heel"), "foot: at: wrong value, got heel, expected ball or toe"),
-    "depth": (("0.028", "deep"), "foot: above_sole_m: not a finite number, got 'deep'"),
-    "t_pose list": (("t_pose: {}", "t_pose: [1]"), "t_pose: not a table"),
-    "t_pose channel": (("t_pose: {}", "t_pose: {Hips: {Wrotation: 3}}"), "t_pose: Hips: unknown field Wrotation"),
-    "t_pose value": (("t_pose: {}", "t_pose: {Hips: {Zrotation: x}}"), "t_pose: Hips: Zrotation: not a finite number"),
+    "unknown field": (
+        ("t_pose: {}", "t_pose: {}\nunits: cm"),
+        "units: unknown key, expected one of joints, t_pose, foot",
+    ),
+    "no foot": (("foot:", "feet:"), "feet: unknown key, expected one of joints, t_pose, foot"),
+    "where": (("at: toe", "at: heel"), r"foot\.at: unknown choice, got heel, expected one of ball, toe"),
+    "depth": (("0.028", "deep"), r"foot\.above_sole_m: wrong type, got 'deep', expected a number in m"),
+    "t_pose list": (("t_pose: {}", "t_pose: [1]"), r"t_pose: wrong type, got \[1\], expected a mapping"),
+    "t_pose channel": (
+        ("t_pose: {}", "t_pose: {Hips: {Wrotation: 3}}"),
+        r"t_pose\.Hips\.Wrotation: unknown key, expected one of Xrotation, Yrotation, Zrotation",
+    ),
+    "t_pose value": (
+        ("t_pose: {}", "t_pose: {Hips: {Zrotation: x}}"),
+        r"t_pose\.Hips\.Zrotation: wrong type, got 'x', expected a number",
+    ),
     "not YAML": (("joints:", "joints: ["), "not a readable YAML file"),
-    "a list": ((GOOD, "- 1"), "not a table, got list"),
+    "a list": ((GOOD, "- 1"), "wrong type, got a list, expected a mapping"),
 }
 
 

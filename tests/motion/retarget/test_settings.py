@@ -23,17 +23,35 @@ def test_every_bundled_robot_has_settings():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"feet": {}}, "feet: missing field"),
-        ({"extra": 1}, "unknown field extra"),
-        ({"t_pose_rad": {"left_wing": 0.1}}, "t_pose_rad: unknown field left_wing"),
-        ({"legs": {"left": ["left_leg", "trunk"], "right": ["right_leg", "right_foot"]}}, "left: ends elsewhere"),
-        ({"legs": {"left": ["left_foot"], "right": ["right_leg", "right_foot"]}}, "two or more tracked points"),
-        ({"rotations": [{"human": "tail", "body": "trunk", "weight": 1}]}, r"row 0: human: unknown name, got tail"),
-        ({"rotations": [{"human": "pelvis", "body": "head", "weight": 1}]}, r"row 0: body: unknown name, got head"),
-        ({"rotations": [{"human": "pelvis", "body": "trunk", "weight": -1}]}, "weight: negative"),
-        ({"rotations": 3}, "expected a list of rows"),
-        ({"segments": [{"human": ["neck"], "robot": ["trunk", "head"], "weight": 1}]}, "human: wrong value"),
-        ({"root_position_weight": "much"}, "root_position_weight: not a finite number"),
+        ({"feet": {}}, "feet: missing keys contact_position_weight, .*held_turn_rad, got nothing"),
+        ({"extra": 1}, "extra: unknown key, expected one of rotations"),
+        ({"t_pose_rad": {"left_wing": 0.1}}, r"t_pose_rad\.left_wing: unknown key, expected one of left_hip"),
+        (
+            {"legs": {"left": ["left_leg", "trunk"], "right": ["right_leg", "right_foot"]}},
+            r"legs\.left: ends elsewhere, got trunk, expected the foot, left_foot",
+        ),
+        (
+            {"legs": {"left": ["left_foot"], "right": ["right_leg", "right_foot"]}},
+            r"legs\.left: too few, got .*left_foot.*, expected two or more tracked points",
+        ),
+        (
+            {"rotations": [{"human": "tail", "body": "trunk", "weight": 1}]},
+            r"rotations\[0 tail\]\.human: unknown joint, got tail, expected one of pelvis",
+        ),
+        (
+            {"rotations": [{"human": "pelvis", "body": "head", "weight": 1}]},
+            r"rotations\[0 pelvis\]\.body: unknown body, got head, expected one of trunk",
+        ),
+        (
+            {"rotations": [{"human": "pelvis", "body": "trunk", "weight": -1}]},
+            r"rotations\[0 pelvis\]\.weight: too small, got -1\.0, expected at least 0",
+        ),
+        ({"rotations": 3}, "rotations: wrong type, got 3, expected a list"),
+        (
+            {"segments": [{"human": ["neck"], "robot": ["trunk", "head"], "weight": 1}]},
+            r"segments\[0\]\.human: wrong length, got .*neck.*, expected a list of 2",
+        ),
+        ({"root_position_weight": "much"}, "root_position_weight: wrong type, got 'much', expected a number"),
     ],
 )
 def test_what_is_wrong_is_named(change, message, toy, tmp_path: Path):
@@ -45,11 +63,14 @@ def test_what_is_wrong_is_named(change, message, toy, tmp_path: Path):
     assert "mine.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize("iterations", [0, 2.5])
-def test_a_count_is_a_whole_number(iterations, toy, tmp_path: Path):
+@pytest.mark.parametrize(
+    ("iterations", "message"),
+    [(0, "too small, got 0, expected at least 1"), (2.5, r"wrong type, got 2\.5, expected a whole number")],
+)
+def test_a_count_is_a_whole_number(iterations, message, toy, tmp_path: Path):
     table = yaml.safe_load(TOY_SETTINGS.read_text())
     table["solver"]["iterations"] = iterations
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(table))
-    with pytest.raises(InputError, match="solver: iterations: wrong count"):
+    with pytest.raises(InputError, match=rf"mine\.yaml: solver\.iterations: {message}"):
         load_settings(toy, path)
