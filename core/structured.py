@@ -28,8 +28,8 @@ UNITS = {  # by the end of a name
 def parse(kind: type[T], data: Any, where: str = "") -> T:
     """Build ``kind`` from plain data: a dataclass, or any type that a field of one may have.
 
-    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, ``X | tuple``, int, float, bool, str, Any
-    and ``np.ndarray``, which is a list of numbers, kept as a read-only float64 vector.
+    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, ``X | tuple``, int, float,
+    bool, str, Any and ``np.ndarray``, which is a list of numbers, kept as a read-only float64 vector.
 
     Raises:
         InputError: an unknown or missing key, or a value that does not fit, named by its full path. A row of a list

@@ -47,11 +47,11 @@ class ClipSampler:
         by_failure = torch.minimum(by_failure, self._settings.cap * uniform)
         return by_failure + (1.0 - by_failure.sum()) * uniform
 
-    def draw(self, count: int, failing: torch.Tensor) -> torch.Tensor:
-        """Clips (n,) for new episodes."""
-        if len(failing) == 1:
-            return torch.zeros(count, dtype=torch.long, device=failing.device)
-        return choice(self.shares(failing).expand(count, -1), self._generator)
+    def draw(self, env_ids: torch.Tensor, failing: torch.Tensor) -> torch.Tensor:
+        """Clips (n,) for new episodes of robots ``env_ids`` (n,)."""
+        if self._settings.in_turn or len(failing) == 1:
+            return env_ids % len(failing)
+        return choice(self.shares(failing).expand(len(env_ids), -1), self._generator)
 
 
 class ClipFigures:

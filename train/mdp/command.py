@@ -59,9 +59,9 @@ class Command:
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
 
-    def draw(self, count: int) -> Start:
-        """Clips, start ticks and start states of ``count`` new episodes."""
-        clip = self._clips.draw(count, 1.0 - self.failures.survival())
+    def draw(self, env_ids: torch.Tensor) -> Start:
+        """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
+        clip = self._clips.draw(env_ids, 1.0 - self.failures.survival())
         tick, uniform = self._starts.draw(clip, self.failures.ahead())
         rows = self.table.rows(clip, tick)
         return Start(clip, tick, uniform, rows, *self._starts.state(rows, tick == 0))

@@ -117,12 +117,14 @@ class ClipSettings:
     """How the clip of an episode is drawn where there are several; see :class:`train.mdp.command.ClipSampler`.
 
     ``floor``: share of episodes whose clip is drawn uniformly. ``cap``: by failure a clip gets at most so many times
-    the uniform share. ``set_aside``: names of clips that are never drawn.
+    the uniform share. ``set_aside``: names of clips that are never drawn. ``in_turn``: robot i tracks clip
+    i instead, and the first follows the last.
     """
 
     floor: float = 0.2
     cap: float = 5.0
     set_aside: tuple[str, ...] = ()
+    in_turn: bool = False
 
     def __post_init__(self) -> None:
         within("environment.clips.floor", self.floor, 0.0, 1.0)

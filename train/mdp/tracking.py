@@ -137,7 +137,7 @@ class TrackingEnv:
         self.last_errors = tracking_errors(t)
         self._keep(t)
         self._update_curricula(t.terminated, ended)
-        log = self._figures()
+        log = self._log()
         final_critic_obs = self.critic.view(state, timed_out.nonzero()[:, 0])
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
@@ -193,7 +193,7 @@ class TrackingEnv:
         for curriculum in self.curricula.values():
             curriculum.update(Figures(self.average.length, self.survival_chance))
 
-    def _figures(self) -> dict[str, float]:
+    def _log(self) -> dict[str, float]:
         """Of this step, over all environments."""
         return {
             **{name: float(values.mean()) for name, values in self.last_errors.items()},
@@ -206,14 +206,14 @@ class TrackingEnv:
             **{f"sigma/{name}": float(v) for name, v in zip(self.rewards.sigma.names, self.rewards.sigma.sigma)},
         }
 
-    def clip_figures(self) -> dict[str, float]:
-        """What is known of each clip, which is too much for each step; see :meth:`Command.figures`."""
+    def figures(self) -> dict[str, float]:
+        """What is known of each clip; see :meth:`train.mdp.command.Command.figures`."""
         return self.command.figures()
 
     def _reset(self, env_ids: torch.Tensor) -> None:
         if len(env_ids) == 0:
             return
-        state, start = self.state, self.command.draw(len(env_ids))
+        state, start = self.state, self.command.draw(env_ids)
         self._physics.reset(env_ids, start.qpos, start.qvel)
         self.command.begin(state, env_ids, start)
         state.last_action[env_ids] = 0.0
