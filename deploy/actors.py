@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from core.errors import InputError
-from deploy.actor_run import ActorRun
+from deploy.control.actor_run import ActorRun
 from deploy.settings import EntrySettings
 from motion.clip import clip_from_bytes
 from motion.library import open_motion
@@ -30,12 +30,3 @@ def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry:
     if clip is None:
         raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
     return ActorRun(actor, robot, entry, build_reference(clip, robot, actor.spec.control_period_s))
-
-
-def check_same_period(runs: list[ActorRun]) -> float:
-    """The control period of all actors, in s. Raises InputError where they differ."""
-    periods = {run.period_s for run in runs}
-    if len(periods) > 1:
-        got = ", ".join(f"{run.name} {run.period_s:g} s" for run in runs)
-        raise InputError("actors of different control periods cannot share a loop", got=got)
-    return periods.pop()

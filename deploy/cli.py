@@ -7,10 +7,10 @@ from core.arguments import ArgumentParser, count_argument, number_argument, path
 from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
-from deploy.operator import KEY_TABLE, StopSignals
+from deploy.operator.keys import KEY_TABLE, StopSignals
+from deploy.operator.remote import BUTTON_TABLE
 from deploy.options import RunOptions
-from deploy.remote import BUTTON_TABLE
-from deploy.report import RunReport, summary
+from deploy.record.report import RunReport, summary
 from deploy.session import run_session
 from hal.contract.types import DeviceError
 from hal.open import BACKENDS

@@ -13,12 +13,12 @@ import numpy as np
 from core.clock import Clock
 from core.errors import InputError
 from core.files import write_json
-from deploy.actor_run import ActorRun
+from deploy.control.actor_run import ActorRun
+from deploy.control.timing import PhaseTimer
 from deploy.preflight import Check
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
 from deploy.settings import PreflightSettings
-from deploy.timing import PhaseTimer
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, RobotState
 

@@ -8,20 +8,17 @@ import numpy as np
 
 from core.clock import SimulatedClock
 from core.errors import InputError
-from deploy.actor_run import ActorRun
-from deploy.loop import Loop, Observer, Plan
-from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
-from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.cell import Cell
+from deploy.control.actor_run import ActorRun
+from deploy.control.loop import Observer, Plan
+from deploy.control.states import Request, StateMachine
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.record.recorder import FALL_HEIGHT_M, Performance
 from deploy.settings import DeploySettings
-from deploy.states import Request, StateMachine
-from deploy.tick import Tick, TickResult
-from deploy.timing import PhaseTimer
-from hal.contract.backend import Placeable
 from hal.contract.types import RobotState
 from hal.simulated.mujoco import MujocoBackend
 from motion.metrics import METRIC_KEYS, Track
-from robot.kinematics import Kinematics
 from robot.robot import Robot
 
 WATCH_AFTER_TRIP_S = 2.0
@@ -35,14 +32,13 @@ class Start(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Scene:
+class EpisodeSetup:
     """What episodes share; built once. backend is open. stand: needed for Start.STAND.
 
     report_only: the limits on targets and torques only count, and a trip alone is not a fall.
     """
 
     robot: Robot
-    kinematics: Kinematics
     settings: DeploySettings
     backend: MujocoBackend
     clock: SimulatedClock
@@ -53,13 +49,15 @@ class Scene:
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """track, reference: what was done and what was asked, row by row, or None where TRACKING never began.
+    """What came of an episode. performance: the recording; track, reference: what was done and what was asked, row by
+    row; None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
     fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
     or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
     """
 
+    performance: Performance | None
     track: Track | None
     reference: Track | None
     metrics: dict[str, float | None]
@@ -73,7 +71,7 @@ class EpisodeResult:
 
 
 def run_episode(
-    scene: Scene,
+    scene: EpisodeSetup,
     rng: np.random.Generator,
     *,
     start: Start = Start.REFERENCE,
@@ -84,41 +82,20 @@ def run_episode(
 
     start_noise_rad: std of a normal added to every joint position at the start.
     """
-    machine = StateMachine(
-        scene.robot, scene.stand if start is Start.STAND else None, [scene.actor], scene.settings, scene.actor.period_s
-    )
-    guard = Guard(scene.robot, scene.settings, scene.actor.period_s, report_only=scene.report_only)
-    release = BandRelease(scene.settings, scene.actor.period_s)
-    plan: Plan = Unattended(machine, release, scene.settings, scene.actor.period_s)
+    stand = scene.stand if start is Start.STAND else None
+    cell = Cell(scene.robot, scene.settings, [scene.actor], stand, report_only=scene.report_only)
     if start is Start.REFERENCE:
-        place_at_reference(scene.backend, scene.actor, start_noise_rad, rng)
-        machine.start_tracking()
-        plan = OnlyTheClip(machine)
+        plan = cell.begin_at_reference(scene.backend, start_noise_rad, rng)
     elif scene.stand is None:
         raise InputError("an episode that begins with standing up needs the stand actor")
     else:
+        plan = cell.unattended()
         noise = rng.normal(0.0, start_noise_rad, scene.robot.num_joints)
         scene.backend.hang(scene.robot.default_pos_rad + noise, rng=rng)
-    recorder, falls = Recorder(), FallWatch(scene.backend)
-    loop = Loop(
-        scene.backend,
-        scene.clock,
-        Tick(machine, guard),
-        plan=_UntilFall(plan, falls, machine, scene),
-        release=release,
-        observers=[recorder, falls, *observers],
-    )
-    loop.run()
-    return _result(scene, machine, guard, recorder.performance, falls.fell, plan.failure, loop.timer)
-
-
-def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: float, rng: np.random.Generator) -> None:
-    """Put a simulated robot at the clip's first frame, at rest, each joint off by a normal of this std."""
-    reference = actor.reference
-    if reference is None:
-        raise InputError("the actor has no reference motion to start at", where=actor.actor.path)
-    joints = reference.joint_pos_rad[0] + rng.normal(0.0, start_noise_rad, len(reference.joint_pos_rad[0]))
-    backend.reset_to(reference.root_pos_w[0], reference.root_quat_wxyz[0], joints, rng=rng)
+    falls = FallWatch(scene.backend)
+    until_fall = _UntilFall(plan, falls, cell.machine, scene)
+    cell.loop(scene.backend, scene.clock, plan=until_fall, observers=[falls, *observers]).run()
+    return _result(scene, cell, falls.fell, plan.failure)
 
 
 class FallWatch:
@@ -137,7 +114,7 @@ class FallWatch:
 class _UntilFall:
     """The plan, ended by a fall; where a trip alone is no fall, the damped robot is watched a little longer."""
 
-    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, scene: Scene) -> None:
+    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, scene: EpisodeSetup) -> None:
         self.failure: str | None = None
         self._plan, self._falls, self._machine = plan, falls, machine
         self._watch = round(WATCH_AFTER_TRIP_S / scene.actor.period_s) if scene.report_only else 0
@@ -152,28 +129,20 @@ class _UntilFall:
         return self._plan.requests(state)
 
 
-def _result(
-    scene: Scene,
-    machine: StateMachine,
-    guard: Guard,
-    performance: Performance | None,
-    fell: bool,
-    failure: str | None,
-    timer: PhaseTimer,
-) -> EpisodeResult:
-    tracks = performance.tracks(scene.kinematics) if performance and performance.num_steps else (None, None)
-    metrics = performance.metrics(scene.kinematics) if performance else dict.fromkeys(METRIC_KEYS)
-    tripped = machine.fault is not None
-    outcome = "tripped" if tripped else "fell" if fell else "completed" if failure is None else "failed"
+def _result(scene: EpisodeSetup, cell: Cell, fell: bool, failure: str | None) -> EpisodeResult:
+    performance, fault = cell.recorder.performance, cell.machine.fault
+    tracks = performance.tracks(scene.robot.kinematics) if performance and performance.num_steps else (None, None)
+    outcome = "tripped" if fault else "fell" if fell else "completed" if failure is None else "failed"
     return EpisodeResult(
+        performance=performance,
         track=tracks[0],
         reference=tracks[1],
-        metrics=metrics,
+        metrics=performance.metrics(scene.robot.kinematics) if performance else dict.fromkeys(METRIC_KEYS),
         steps=performance.num_steps if performance else 0,
         num_ticks=scene.actor.num_ticks,
-        fell=fell or (tripped and not scene.report_only),
+        fell=fell or (fault is not None and not scene.report_only),
         outcome=outcome,
-        fault=str(machine.fault) if tripped else failure,
-        limits=dict(guard.counts),
-        timing=timer.report(),
+        fault=failure if fault is None else str(fault),
+        limits=dict(cell.guard.counts),
+        timing=cell.timer.report(),
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.clock import Clock
 from core.rotations import projected_gravity
-from deploy.actor_run import ActorRun
+from deploy.control.actor_run import ActorRun
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState

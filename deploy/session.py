@@ -8,25 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
-from deploy.actor_run import ActorRun
-from deploy.actors import check_same_period, load_run
-from deploy.console import Console
+from deploy.actors import load_run
+from deploy.cell import Cell, check_same_period
+from deploy.control.actor_run import ActorRun
+from deploy.control.loop import Observer, Plan
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
-from deploy.episode import Start, place_at_reference
-from deploy.log import McapLog
-from deploy.loop import Loop, Observer, Plan
-from deploy.operator import Keyboard, RequestSource, StopSignals
+from deploy.episode import Start
+from deploy.operator.console import Console
+from deploy.operator.keys import Keyboard, RequestSource, StopSignals
+from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
-from deploy.recorder import Recorder
-from deploy.remote import Gamepad, RemoteButtons
-from deploy.report import Ending, RunReport, make_report
-from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.record.log import McapLog
+from deploy.record.recorder import Recorder
+from deploy.record.report import Ending, RunReport, make_report
 from deploy.settings import DeploySettings, load_settings
-from deploy.states import StateMachine
-from deploy.tick import Tick
-from deploy.timing import PhaseTimer
 from hal.contract.backend import Backend, Placeable
 from hal.contract.types import DeviceInfo
 from hal.emulator.launch import Emulator, launch_emulator
@@ -39,7 +35,7 @@ from world.model import check_meshes, compile_model
 from world.options import SimOptions, load_sim_options
 
 if TYPE_CHECKING:
-    from deploy.film import Film
+    from deploy.record.film import Film
 
 
 @dataclass(frozen=True)
@@ -58,40 +54,21 @@ class _Setup:
         return [*self.actors, *([] if self.stand is None else [self.stand])]
 
 
-@dataclass(frozen=True)
-class _Performer:
-    """What remembers and decides during one run."""
-
-    machine: StateMachine
-    guard: Guard
-    recorder: Recorder
-    timer: PhaseTimer
-
-
 def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
     """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
     options.check()
     with contextlib.ExitStack() as stack:
         setup = _prepare(options, stack)
-        recorder = Recorder()
-        film = None if options.video is None else _new_film(options.video, recorder, setup)
-        guard = Guard(
-            setup.robot,
-            setup.settings,
-            setup.period_s,
-            report_only=options.backend == "mujoco" and setup.sim.report_only,
-        )
-        machine = StateMachine(setup.robot, setup.stand, setup.actors, setup.settings, setup.period_s)
-        performer = _Performer(machine, guard, recorder, PhaseTimer())
+        report_only = options.backend == "mujoco" and setup.sim.report_only
+        cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
+        film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
         stack.enter_context(contextlib.closing(setup.backend))
         _preflight(options, setup, setup.backend.open())
         if options.dry_run:
-            ending = _rehearse(options, setup, performer, signals)
+            ending = _rehearse(options, setup, cell, signals)
         else:
-            ending = _perform(options, setup, performer, film, signals)
-    actor, performance = machine.tracked[machine.selected], recorder.performance
-    timer, limits = performer.timer, guard.counts
-    report = make_report(options, setup.robot, actor, performance, timer, limits, machine.fault, ending)
+            ending = _perform(options, setup, cell, film, signals)
+    report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         model = compile_model(setup.robot, timestep_s=setup.period_s, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
@@ -159,7 +136,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
     require(checks)
 
 
-def _rehearse(options: RunOptions, setup: _Setup, performer: _Performer, signals: StopSignals) -> Ending:
+def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSignals) -> Ending:
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
         if options.on_wall_clock:
@@ -169,8 +146,8 @@ def _rehearse(options: RunOptions, setup: _Setup, performer: _Performer, signals
             setup.backend,
             setup.clock,
             setup.runs,
-            performer.guard,
-            performer.timer,
+            cell.guard,
+            cell.timer,
             setup.settings.preflight,
             lambda: signals.raised,
         )
@@ -189,14 +166,10 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
     return backend.report() if isinstance(backend, WireBackend) else None
 
 
-def _perform(
-    options: RunOptions, setup: _Setup, performer: _Performer, film: "Film | None", signals: StopSignals
-) -> Ending:
+def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals) -> Ending:
     """Run the loop."""
-    machine, recorder = performer.machine, performer.recorder
-    release = BandRelease(setup.settings, setup.period_s)
-    plan = _begin(options, setup, machine, release)
-    observers: list[Observer] = [recorder, Console(refusals=options.attended)]
+    plan = _begin(options, setup, cell)
+    observers: list[Observer] = [Console(refusals=options.attended)]
     operators: list[RequestSource] = [signals]
     observers += [] if film is None else [film]
     with contextlib.ExitStack() as stack:
@@ -206,9 +179,9 @@ def _perform(
             print(f"log {log.path}", flush=True)
             observers.append(log)
         if options.viewer and isinstance(setup.backend, MujocoBackend):
-            from deploy.viewing import ViewerObserver  # likewise
+            from deploy.operator.viewing import ViewerObserver
 
-            window = stack.enter_context(ViewerObserver(setup.backend, recorder))
+            window = stack.enter_context(ViewerObserver(setup.backend, cell.recorder))
             observers.append(window)
             operators.append(window)
         if options.attended:
@@ -220,38 +193,33 @@ def _perform(
         if options.on_wall_clock:
             stack.enter_context(realtime(lambda line: print(line, flush=True)))
         stack.enter_context(no_garbage_collection())
-        loop = Loop(
+        loop = cell.loop(
             setup.backend,
             setup.clock,
-            Tick(machine, performer.guard),
-            operators=operators,
             plan=plan,
-            release=release,
+            operators=operators,
             observers=observers,
             duration_s=options.duration_s,
-            timer=performer.timer,
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 
-def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: BandRelease) -> Plan | None:
+def _begin(options: RunOptions, setup: _Setup, cell: Cell) -> Plan | None:
     """Put a simulated robot where it starts, and decide who asks for the next step."""
     rng = np.random.default_rng(options.seed)
     backend = setup.backend
     if options.start is Start.REFERENCE and isinstance(backend, Placeable):
-        place_at_reference(backend, setup.actors[0], options.start_noise_rad, rng)
-        machine.start_tracking()
-        return OnlyTheClip(machine)
+        return cell.begin_at_reference(backend, options.start_noise_rad, rng)
     if options.start_noise_rad and isinstance(backend, MujocoBackend):
         noise = rng.normal(0.0, options.start_noise_rad, setup.robot.num_joints)
         backend.hang(setup.robot.default_pos_rad + noise, rng=rng)
-    return None if options.attended else Unattended(machine, release, setup.settings, setup.period_s)
+    return None if options.attended else cell.unattended()
 
 
 def _new_film(path: Path, recorder: Recorder, setup: _Setup) -> "Film":
     """Drawing is an extra that a robot's computer need not have, hence the late import."""
-    from deploy.film import Film
+    from deploy.record.film import Film
 
     reference = setup.actors[0].reference
     height_m = 0.0 if reference is None else float(reference.root_pos_w[0, 2])

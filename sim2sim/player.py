@@ -3,11 +3,10 @@
 import numpy as np
 
 from core.clock import SimulatedClock
-from core.errors import InputError
-from deploy.actor_run import ActorRun
 from deploy.actors import load_run
-from deploy.episode import EpisodeResult, Scene, Start, run_episode
-from deploy.recorder import Performance, Recorder
+from deploy.cell import check_same_period
+from deploy.control.actor_run import ActorRun
+from deploy.episode import EpisodeResult, EpisodeSetup, Start, run_episode
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor
@@ -25,14 +24,10 @@ class Player:
         self.request = request
         self.robot = load_robot()
         self._settings = load_settings()
-        self._kinematics = self.robot.kinematics
         entry = self._settings.entry
         self._runs = [load_run(policy, request.motion, self.robot, entry) for policy in request.policies]
         self._stand = load_run(STAND_ACTOR, None, self.robot, entry) if request.start == "stand" else None
-        periods = {run.period_s for run in (*self._runs, *([self._stand] if self._stand else []))}
-        if len(periods) > 1:
-            raise InputError("actors of different control periods cannot be compared", got=f"{sorted(periods)} s")
-        self.period_s = periods.pop()
+        self.period_s = check_same_period([*self._runs, *([self._stand] if self._stand else [])])
         self._scenes = [self._scene(run) for run in self._runs]
 
     @property
@@ -47,17 +42,15 @@ class Player:
     def play(self, policy: int, episode: int) -> EpisodeScore:
         """One episode of one policy; depends on nothing that was played before."""
         request = self.request
-        recorder = Recorder()
         result = run_episode(
             self._scenes[policy],
             request.generator(episode),
             start=Start(request.start),
             start_noise_rad=request.start_noise_rad,
-            observers=[recorder],
         )
-        return score_of(result, recorder.performance)
+        return score_of(result)
 
-    def _scene(self, run: ActorRun) -> Scene:
+    def _scene(self, run: ActorRun) -> EpisodeSetup:
         request, options, clock = self.request, self.request.sim_options(), SimulatedClock()
         backend = MujocoBackend(
             self.robot,
@@ -68,9 +61,8 @@ class Player:
             band=request.start == "stand",
         )
         backend.open()
-        return Scene(
+        return EpisodeSetup(
             robot=self.robot,
-            kinematics=self._kinematics,
             settings=self._settings,
             backend=backend,
             clock=clock,
@@ -80,8 +72,9 @@ class Player:
         )
 
 
-def score_of(result: EpisodeResult, performance: Performance | None) -> EpisodeScore:
+def score_of(result: EpisodeResult) -> EpisodeScore:
     """What tables and plots need of a played episode."""
+    performance = result.performance
     ended = "completed"
     if result.fell or result.outcome == "failed":
         ended = "fall" if result.fault is None else result.fault.partition(":")[0]

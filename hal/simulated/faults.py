@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.errors import InputError
+from core.structured import at_least, one_of, positive
 from robot.robot import Robot
 
 # kind -> (needs a joint, default value, what `value` means)
@@ -43,19 +44,17 @@ class Fault:
 
     def __post_init__(self) -> None:
         """Check kind, times and joint."""
-        if self.kind not in KINDS:
-            raise InputError("unknown fault", got=self.kind, expected=f"one of {', '.join(KINDS)}")
-        if not 0 <= self.start_s < math.inf:
-            raise InputError("bad start", where=f"fault {self.kind}", got=self.start_s, expected="seconds >= 0")
-        if not self.duration_s > 0:
-            raise InputError("bad duration", where=f"fault {self.kind}", got=self.duration_s, expected="seconds > 0")
+        one_of("kind", self.kind, KINDS, "unknown fault")
+        at_least("start_s", self.start_s, 0)
+        if self.duration_s != math.inf:
+            positive("duration_s", self.duration_s)
         needs_joint, default, _ = KINDS[self.kind]
         if needs_joint != (self.joint is not None):
             expected = "the name of a joint" if needs_joint else "no joint"
-            raise InputError("wrong joint entry", where=f"fault {self.kind}", got=self.joint, expected=expected)
+            raise InputError(f"wrong joint entry for {self.kind}", where="joint", got=self.joint, expected=expected)
         if self.value is not None and (default is None or not math.isfinite(self.value)):
             expected = "no value" if default is None else "a finite value"
-            raise InputError("wrong value", where=f"fault {self.kind}", got=self.value, expected=expected)
+            raise InputError(f"wrong value for {self.kind}", where="value", got=self.value, expected=expected)
 
     @property
     def amount(self) -> float:

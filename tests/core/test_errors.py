@@ -1,5 +1,7 @@
 """Errors that people cause are one line."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -38,3 +40,20 @@ def test_bad_usage_is_such_an_error(arguments, message):
     with pytest.raises(InputError) as caught:
         parser.parse_args(arguments)
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("where", "section", "expected"),
+    [
+        ("speed_rad_s", "stand_up", "stand_up.speed_rad_s: too fast, got 2; slow down"),
+        ("tilt.ticks", "safety", "safety.tilt.ticks: too fast, got 2; slow down"),
+        (None, "motors[3 knee]", "motors[3 knee]: too fast, got 2; slow down"),
+        ("learner.clip", "learner", "learner.clip: too fast, got 2; slow down"),
+        ("learner_clip", "learner", "learner.learner_clip: too fast, got 2; slow down"),
+        ("speed_rad_s", "", "speed_rad_s: too fast, got 2; slow down"),
+    ],
+)
+def test_the_path_of_a_section_goes_before_the_place(where, section, expected):
+    error = InputError("too fast", where=where, got=2, hint="slow down")
+    assert str(error.inside(section)) == expected
+    assert str(pickle.loads(pickle.dumps(error)).inside(section)) == expected

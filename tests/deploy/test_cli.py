@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.operator import KEY_TABLE
+from deploy.operator.keys import KEY_TABLE
 from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, write_linear_actor, write_standing_actor

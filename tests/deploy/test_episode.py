@@ -6,7 +6,7 @@ import pytest
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actors import load_run
-from deploy.episode import Scene, Start, run_episode
+from deploy.episode import EpisodeSetup, Start, run_episode
 from hal.open import open_backend
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import ROBOT, SETTINGS, linear_run, write_standing_actor
@@ -16,7 +16,7 @@ KINEMATICS = ROBOT.kinematics
 
 
 def scene(backend, clock, actor, **options):
-    return Scene(ROBOT, KINEMATICS, SETTINGS, backend, clock, actor, **options)
+    return EpisodeSetup(ROBOT, SETTINGS, backend, clock, actor, **options)
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
-from deploy.film import Film, ghost_qpos, state_qpos
-from deploy.recorder import Recorder
+from deploy.control.states import StateMachine
+from deploy.control.tick import Tick
+from deploy.record.film import Film, ghost_qpos, state_qpos
+from deploy.record.recorder import Recorder
 from deploy.safety.guard import Guard
-from deploy.states import StateMachine
-from deploy.tick import Tick
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
 from world.model import compile_model
 

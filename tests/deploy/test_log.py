@@ -9,14 +9,12 @@ from mcap.reader import make_reader
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actors import load_run
-from deploy.episode import place_at_reference
-from deploy.log import CHANNELS, McapLog
-from deploy.loop import Loop
-from deploy.replay_log import first_difference, main, read_ticks, ticks_of
+from deploy.cell import Cell
+from deploy.control.states import StateMachine
+from deploy.control.tick import Tick
+from deploy.record.log import CHANNELS, McapLog
+from deploy.record.replay import first_difference, main, read_ticks, ticks_of
 from deploy.safety.guard import Guard
-from deploy.sequence import OnlyTheClip
-from deploy.states import StateMachine
-from deploy.tick import Tick
 from hal.open import open_backend
 from tests.deploy.toys import GRAVITY_X, KNEE, PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
@@ -30,15 +28,13 @@ def logged(tmp_path_factory):
     path = write_linear_actor(folder / "actor.onnx", WEIGHTS, seconds=0.4)
     run = load_run(path, None, ROBOT, SETTINGS.entry)
     clock = SimulatedClock(100.0)
-    machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
+    cell = Cell(ROBOT, SETTINGS, [run], None)
     with (
         open_backend("mujoco", ROBOT, clock, band=False) as backend,
         McapLog(folder / "logs", ROBOT, {"backend": "mujoco"}, may_wait=True) as log,
     ):
-        place_at_reference(backend, run, 0.02, np.random.default_rng(0))
-        machine.start_tracking()
-        tick = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S))
-        Loop(backend, clock, tick, plan=OnlyTheClip(machine), observers=[log]).run()
+        plan = cell.begin_at_reference(backend, 0.02, np.random.default_rng(0))
+        cell.loop(backend, clock, plan=plan, observers=[log]).run()
     return log.path, path, folder
 
 
@@ -76,7 +72,7 @@ def test_ticks_are_complete_and_in_order(logged):
 def test_what_is_not_a_number_is_null(tmp_path):
     run_tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
     bad = state(imu_ang_vel_b=np.array([0.0, np.nan, np.inf]), temperature_c=None)
-    from deploy.timing import PhaseTimer
+    from deploy.control.timing import PhaseTimer
 
     with McapLog(tmp_path, ROBOT, {}, may_wait=True) as log:
         log(bad, run_tick(bad), PhaseTimer())
@@ -120,11 +116,11 @@ def test_a_state_that_was_altered_is_named(logged, field, place, term):
     ticks, joint_names = read_ticks(logged[0])
     assert joint_names == ROBOT.joint_names
     ticks[7].state[field][place] += 0.01
-    difference = first_difference(run.actor, ROBOT, ticks, 1e-5)
+    difference = first_difference(run, ROBOT, ticks, 1e-5)
     assert (difference.tick, difference.term) == (7, term)
     ticks[7].state[field][place] -= 0.01
     ticks[9].observation["groups"]["obs"][6 + KNEE] += 1.0
-    difference = first_difference(run.actor, ROBOT, ticks, 1e-5)
+    difference = first_difference(run, ROBOT, ticks, 1e-5)
     assert (difference.tick, difference.term) == (9, "actions[0] left_knee_joint")
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.loop import Loop
+from deploy.control.loop import Loop
+from deploy.control.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
-from deploy.states import Mode, Request, StateMachine
-from deploy.tick import Tick
 from hal.contract.types import DeviceFault, LinkLost, NoState
 from hal.open import open_backend
 from tests.deploy.toys import KNEE, PERIOD_S, ROBOT, SETTINGS, Asked, FakeBackend, linear_run, state, with_joint

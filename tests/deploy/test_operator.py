@@ -10,8 +10,8 @@ import termios
 
 import pytest
 
-from deploy.operator import KEYS, Keyboard, StopSignals
-from deploy.states import Request
+from deploy.control.states import Request
+from deploy.operator.keys import KEYS, Keyboard, StopSignals
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_the_end_of_a_pipe_ends_nothing(pipe):
 
 
 def test_no_standard_input_at_all():
-    code = "from deploy.operator import Keyboard\nwith Keyboard() as k: print(k.poll())"
+    code = "from deploy.operator.keys import Keyboard\nwith Keyboard() as k: print(k.poll())"
     command = f"{sys.executable} -c '{code}' <&-"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=30)
     assert done.returncode == 0 and done.stdout.endswith("[]\n")
@@ -59,7 +59,7 @@ def test_no_standard_input_at_all():
 
 CHILD = """
 import sys, time, termios
-from deploy.operator import Keyboard
+from deploy.operator.keys import Keyboard
 with Keyboard() as keyboard:
     print("ready", flush=True)
     while not (keys := keyboard.poll()):
@@ -93,7 +93,7 @@ def test_single_keys_on_a_terminal_which_is_restored_whatever_happens(error):
 
 IGNORED = """
 import signal, time
-from deploy.operator import StopSignals
+from deploy.operator.keys import StopSignals
 with StopSignals() as signals:
     print("ready", flush=True)
     while not signals.poll():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from core.rotations import yaw_of
-from deploy.recorder import Performance, Recorder, align_heading
+from deploy.control.states import Mode, StateMachine
+from deploy.control.tick import Tick
+from deploy.record.recorder import Performance, Recorder, align_heading
 from deploy.safety.guard import Guard
-from deploy.states import Mode, StateMachine
-from deploy.tick import Tick
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
 from world.plant import TrueState

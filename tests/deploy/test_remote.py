@@ -6,8 +6,8 @@ import struct
 import pytest
 
 from core.errors import InputError
-from deploy.remote import Gamepad, RemoteButtons
-from deploy.states import ALLOWED, Mode, Request
+from deploy.control.states import ALLOWED, Mode, Request
+from deploy.operator.remote import Gamepad, RemoteButtons
 
 
 class Heard:

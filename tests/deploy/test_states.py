@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deploy.control.states import ALLOWED, Mode, Request, StateMachine
+from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
-from deploy.states import ALLOWED, Mode, Request, StateMachine
-from deploy.tick import Tick
 from hal.contract.types import LinkLost
 from tests.deploy.toys import (
     GRAVITY_Z,

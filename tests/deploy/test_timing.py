@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.timing import PhaseTimer, percentiles
+from deploy.control.timing import PhaseTimer, percentiles
 
 
 def test_percentiles_of_known_samples():

@@ -9,8 +9,8 @@ from onnx import TensorProto, helper
 
 from core.clock import SimulatedClock
 from core.rotations import quat_rotate
-from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.control.actor_run import ActorRun
 from deploy.settings import load_settings
 from hal.contract.types import DeviceInfo, RobotState
 from motion.clip import Clip, clip_to_bytes

@@ -123,6 +123,9 @@ def test_faults_can_be_written_in_the_mocks_file(tmp_path: Path) -> None:
         float("inf"),
         "left_knee_joint",
     )
+    path.write_text(text.replace("faults: []", "faults: [{kind: tilt, start_s: -1}]"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"broken\.yaml: faults\[0 tilt\]\.start_s: too small, got -1\.0"):
+        load_options(MockOptions, path)
     path.write_text(text.replace("joint_lag_s: 0.2", "joint_lag_s: 0"), encoding="utf-8")
     with pytest.raises(
         InputError, match=r"broken\.yaml: joint_lag_s: not positive, got 0\.0, expected a number above 0 s"

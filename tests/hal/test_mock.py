@@ -226,12 +226,24 @@ def test_closing_works_through_every_fault(kind: str) -> None:
     ("entries", "text"),
     [
         ({"kind": "gremlin", "start_s": 0.0}, "unknown fault, got gremlin, expected one of link_loss"),
-        ({"kind": "tilt", "start_s": -1.0}, "fault tilt: bad start, got -1.0"),
-        ({"kind": "tilt", "start_s": float("nan")}, "bad start"),
-        ({"kind": "tilt", "start_s": 0.0, "duration_s": 0.0}, "bad duration"),
-        ({"kind": "stale_joint", "start_s": 0.0}, "expected the name of a joint"),
-        ({"kind": "tilt", "start_s": 0.0, "joint": KNEE}, "expected no joint"),
-        ({"kind": "silence", "start_s": 0.0, "value": 1.0}, "expected no value"),
+        ({"kind": "tilt", "start_s": -1.0}, "start_s: too small, got -1.0, expected at least 0 s"),
+        ({"kind": "tilt", "start_s": float("nan")}, "start_s: not finite, got nan"),
+        (
+            {"kind": "tilt", "start_s": 0.0, "duration_s": 0.0},
+            "duration_s: not positive, got 0.0, expected a number above 0 s",
+        ),
+        (
+            {"kind": "stale_joint", "start_s": 0.0},
+            "joint: wrong joint entry for stale_joint, expected the name of a joint",
+        ),
+        (
+            {"kind": "tilt", "start_s": 0.0, "joint": KNEE},
+            f"joint: wrong joint entry for tilt, got {KNEE}, expected no joint",
+        ),
+        (
+            {"kind": "silence", "start_s": 0.0, "value": 1.0},
+            "value: wrong value for silence, got 1.0, expected no value",
+        ),
     ],
 )
 def test_a_fault_that_makes_no_sense_is_refused(entries: dict, text: str) -> None:

@@ -9,6 +9,7 @@ from policy.history import ObservationHistory
 from policy.layouts import pbhc_actor_group
 from policy.observation import (
     check_terms,
+    entry_size,
     gather_index,
     num_lags,
     sample_clip,
@@ -16,27 +17,62 @@ from policy.observation import (
     sample_width,
     term_dims,
     term_order,
+    window_ticks,
 )
+from policy.reference import ReferenceWindow
 from policy.spec import ObservationGroup, ObservationTerm
 from policy.terms import TERMS, ObservationInput, register
 from tests.policy.toys import GROUP, SIZE
 
+TICKS = (1, 4, 6)
+
+
+def random_quat(rng, *shape) -> np.ndarray:
+    quat = rng.normal(size=(*shape, 4))
+    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+
+
+def random_window(rng, batch, joints) -> ReferenceWindow:
+    shape = (*batch, len(TICKS))
+    return ReferenceWindow(
+        ticks=TICKS,
+        joint_pos_rad=rng.normal(size=(*shape, joints)),
+        joint_vel_rad_s=rng.normal(size=(*shape, joints)),
+        root_height_m=rng.normal(size=shape),
+        root_quat_wxyz=random_quat(rng, *shape),
+        root_lin_vel_w=rng.normal(size=(*shape, 3)),
+        root_ang_vel_w=rng.normal(size=(*shape, 3)),
+    )
+
 
 def random_input(rng, batch=(), joints=23) -> ObservationInput:
-    quat = rng.normal(size=(*batch, 4))
     return ObservationInput(
-        base_quat_wxyz=quat / np.linalg.norm(quat, axis=-1, keepdims=True),
+        base_quat_wxyz=random_quat(rng, *batch),
         base_ang_vel_b=rng.normal(size=(*batch, 3)),
         joint_pos_rad=rng.normal(size=(*batch, joints)),
         joint_vel_rad_s=rng.normal(size=(*batch, joints)),
         last_action=rng.normal(size=(*batch, joints)),
         phase=rng.uniform(size=(*batch, 1)),
         default_pos_rad=rng.normal(size=joints),
+        reference=random_window(rng, batch, joints),
+        given={"steer": rng.normal(size=(*batch, 4))},
     )
 
 
-def as_torch(torch, s: ObservationInput) -> ObservationInput:
-    return ObservationInput(**{name: torch.from_numpy(value) for name, value in vars(s).items()})
+def as_torch(torch, value):
+    """The same input with tensors for arrays."""
+    if isinstance(value, np.ndarray):
+        return torch.from_numpy(value)
+    if isinstance(value, dict):
+        return {name: as_torch(torch, part) for name, part in value.items()}
+    if hasattr(value, "__dataclass_fields__"):
+        return type(value)(**as_torch(torch, vars(value)))
+    return value
+
+
+def entry_of(term: str) -> ObservationTerm:
+    """A use of a term with all that it needs."""
+    return ObservationTerm(term, ticks=(1, 6) if TERMS[term].windowed else (), of="steer" if TERMS[term].given else "")
 
 
 @pytest.mark.parametrize("term", sorted(TERMS))
@@ -44,9 +80,10 @@ def as_torch(torch, s: ObservationInput) -> ObservationInput:
 def test_numpy_and_torch_agree_on_every_term(term, batch):
     torch = pytest.importorskip("torch")
     s = random_input(np.random.default_rng(5), batch)
-    expected = TERMS[term].function(s)
-    got = TERMS[term].function(as_torch(torch, s))
-    assert expected.shape == (*batch, term_dims(23)[term])
+    entry = entry_of(term)
+    expected = TERMS[term].sample(entry, s)
+    got = TERMS[term].sample(entry, as_torch(torch, s))
+    assert expected.shape == (*batch, entry_size(entry, term_dims(23, {"steer": 4})))
     assert got.dtype == torch.float64
     np.testing.assert_allclose(got.numpy(), expected, rtol=1e-6, atol=1e-12)
 
@@ -62,6 +99,7 @@ def test_terms_mean_what_they_say():
         phase=np.array([0.75]),
         default_pos_rad=np.array([0.125, 0.5]),
     )
+    looks_elsewhere = {name for name, term in TERMS.items() if term.windowed or term.given}
     expected = {
         "base_ang_vel": [1.0, 2.0, 3.0],
         "projected_gravity": [1.0, 0.0, 0.0],
@@ -70,9 +108,83 @@ def test_terms_mean_what_they_say():
         "actions": [7.0, 8.0],
         "ref_motion_phase": [0.75],
     }
-    assert set(expected) == set(TERMS)
+    assert set(expected) == set(TERMS) - looks_elsewhere
     for name, values in expected.items():
         np.testing.assert_allclose(TERMS[name].function(s), values, atol=1e-15)
+
+
+def test_terms_that_look_ahead_mean_what_they_say():
+    """The base looks along +y; the reference, two ticks ahead, along -x and pitched forwards by a quarter turn."""
+    half = np.sqrt(0.5)
+    window = ReferenceWindow(
+        ticks=(1, 2),
+        joint_pos_rad=np.array([[9.0, 9.0], [0.5, 0.25]]),
+        joint_vel_rad_s=np.array([[9.0, 9.0], [-1.0, 4.0]]),
+        root_height_m=np.array([9.0, 0.7]),
+        # Turn by pi about z, then by pi/2 about the body's y: (0, 0, 0, 1) * (half, 0, half, 0).
+        root_quat_wxyz=np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -half, 0.0, half]]),
+        root_lin_vel_w=np.array([[9.0, 9.0, 9.0], [-2.0, 0.0, 0.5]]),
+        root_ang_vel_w=np.array([[9.0, 9.0, 9.0], [0.0, -3.0, 1.0]]),
+    )
+    s = replace(
+        random_input(np.random.default_rng(0), joints=2),
+        base_quat_wxyz=np.array([half, 0.0, 0.0, half]),
+        default_pos_rad=np.array([0.125, 0.5]),
+        reference=window,
+    )
+    expected = {
+        "reference_joint_pos": [0.375, -0.25],
+        "reference_joint_vel": [-1.0, 4.0],
+        "reference_root_height": [0.7],
+        "reference_gravity": [1.0, 0.0, 0.0],  # pitched forwards: down is where the body looks
+        # Its x axis points down, (0, 0, -1) in the world; its y axis is the world's -y, the base's -x.
+        "reference_orientation": [0.0, 0.0, -1.0, -1.0, 0.0, 0.0],
+        "reference_ang_vel": [0.0, 3.0, 1.0],
+        "reference_lin_vel": [2.0, 0.0, 0.5],
+    }
+    assert set(expected) == {name for name, term in TERMS.items() if term.windowed}
+    gimbal = {"reference_ang_vel", "reference_lin_vel"}  # looking straight down has no heading
+    for name in expected.keys() - gimbal:
+        np.testing.assert_allclose(TERMS[name].function(s, (2,)), expected[name], atol=1e-15)
+    upright = replace(window, root_quat_wxyz=np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]))
+    for name in gimbal:
+        values = TERMS[name].function(replace(s, reference=upright), (2,))
+        np.testing.assert_allclose(values, expected[name], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("entry", "text"),
+    [
+        (ObservationTerm("dof_pos", ticks=(1,)), "dof_pos: ticks: do not fit the term, got [1], expected none"),
+        (ObservationTerm("reference_gravity"), "reference_gravity: ticks: do not fit the term, got [], expected one"),
+        (ObservationTerm("command"), "command: of: does not fit the term, got '', expected the name of a command"),
+        (ObservationTerm("dof_pos", of="steer"), "dof_pos: of: does not fit the term, got 'steer', expected nothing"),
+    ],
+)
+def test_parameters_that_do_not_fit_the_term_are_refused(entry, text):
+    with pytest.raises(InputError) as caught:
+        check_terms(ObservationGroup("obs", (entry,)))
+    assert str(caught.value).startswith(f"observation group 'obs': {text}")
+
+
+def test_a_term_that_looks_ahead_without_a_reference_says_what_to_do():
+    s = replace(random_input(np.random.default_rng(0)), reference=None)
+    with pytest.raises(InputError, match="give --motion"):
+        sample_terms((entry_of("reference_gravity"),), s)
+
+
+def test_the_windows_size_counts_in_the_layout():
+    group = ObservationGroup(
+        "obs", (ObservationTerm("reference_gravity", (0, 1), ticks=(1, 4)), ObservationTerm("dof_vel"))
+    )
+    dims = term_dims(2)
+    history, rng = ObservationHistory(group, dims), np.random.default_rng(2)
+    first, second = (random_input(rng, joints=2) for _ in range(2))
+    history.push(sample_terms(term_order(group), first))
+    got = history.push(sample_terms(term_order(group), second))
+    expected = [TERMS["reference_gravity"].function(s, (1, 4)) for s in (second, first)]
+    np.testing.assert_allclose(got, np.concatenate([*expected, second.joint_vel_rad_s]), rtol=1e-6)
+    assert window_ticks([group]) == (1, 4)
 
 
 def pbhc_by_hand(samples: list[dict[str, np.ndarray]]) -> np.ndarray:
@@ -149,13 +261,14 @@ def test_batched_torch_observation_equals_the_robots():
     histories = [ObservationHistory(GROUP, dims) for _ in range(batch)]
     default = rng.normal(size=3)
     for _ in range(6):
-        s = replace(random_input(rng, (batch,), 3), default_pos_rad=default)
+        s = replace(random_input(rng, (batch,), 3), default_pos_rad=default, reference=None, given={})
         sample = sample_terms(terms, as_torch(torch, s)).clip(-bound, bound)
         block = torch.cat([sample[:, None], block[:, :-1]], 1)
         got = block.reshape(batch, -1)[:, index]
         assert got.shape == (batch, SIZE)
         for env in range(batch):
-            one = ObservationInput(**{k: v if k == "default_pos_rad" else v[env] for k, v in vars(s).items()})
+            shared = ("default_pos_rad", "reference", "given")
+            one = ObservationInput(**{k: v if k in shared else v[env] for k, v in vars(s).items()})
             expected = histories[env].push(sample_terms(terms, one))
             np.testing.assert_allclose(got[env].numpy(), expected, rtol=1e-6, atol=1e-7)
 
@@ -171,7 +284,7 @@ def test_action_decoding_is_the_same_in_numpy_and_torch():
 
 def test_an_unknown_term_is_refused_with_the_known_ones():
     group = ObservationGroup("obs", (ObservationTerm("dof_pos"), ObservationTerm("dof_poss")))
-    known = "actions, base_ang_vel, dof_pos, dof_vel, projected_gravity, ref_motion_phase"
+    known = ", ".join(sorted(TERMS))
     text = f"observation group 'obs': unknown observation term, got dof_poss, expected one of {known}"
     for call in (check_terms, term_order):
         with pytest.raises(InputError) as caught:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
+from policy.inputs import CommandSpec, HeldJoint, MapSpec
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
 from policy.spec_json import spec_from_json, spec_to_json
 from tests.policy.toys import GROUP, toy_motion, toy_spec
@@ -62,7 +63,7 @@ def test_arrays_are_copies_and_read_only():
         ({"robot": ""}, "robot: no name, got '', expected a non-empty string"),
         (
             {"schema_version": 7},
-            "schema_version: unknown schema version, got 7, expected 1; use the version of kata that exported the "
+            "schema_version: unknown schema version, got 7, expected 1 or 2; use the version of kata that exported the "
             "actor, or export it again with this one",
         ),
         (
@@ -167,6 +168,72 @@ def test_unusable_json_is_refused(text, message):
         spec_from_json(text)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
+
+
+COMMAND = CommandSpec("heading", ("speed_m_s", "turn_rad_s"), ((0.0, 1.5), (-1.0, 1.0)), (0.0, 0.0), 0.5)
+MAP = MapSpec("ground", (-0.4, 0.0, 0.4), (-0.2, 0.2), 1.0, 0.1)
+HELD = HeldJoint("wrist", 0.3, 20.0, 1.0)
+
+
+def test_what_schema_2_adds_survives():
+    term = ObservationTerm("reference_joint_pos", (0, 1), ticks=(1, 2, 4, 8))
+    group = ObservationGroup("obs", (term, ObservationTerm("command", of="heading")))
+    spec = toy_spec(
+        follows="any_clip", motion=None, observations=(group,), commands=(COMMAND,), maps=(MAP,), held_joints=(HELD,)
+    )
+    back = spec_from_json(spec_to_json(spec))
+    assert back.observations == (group,)
+    assert (back.follows, back.commands, back.maps, back.held_joints) == ("any_clip", (COMMAND,), (MAP,), (HELD,))
+
+
+def test_a_document_of_schema_1_is_read_as_it_was_written():
+    document = json.loads(spec_to_json(toy_spec()))
+    for name in ("follows", "commands", "maps", "held_joints"):
+        del document[name]
+    for term in document["observations"][0]["terms"]:
+        del term["ticks"], term["of"]
+    document["schema_version"] = 1
+    spec = spec_from_json(json.dumps(document))
+    assert (spec.schema_version, spec.follows, spec.held_joints) == (1, "clip", ())
+    assert spec.observations == toy_spec().observations
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"follows": "the sun"}, "follows: unknown, got 'the sun', expected clip or any_clip or commands"),
+        ({"commands": (COMMAND, COMMAND)}, "commands: given twice, got heading"),
+        ({"held_joints": (HeldJoint("hip", 0.0, 1.0, 1.0),)}, "joint_names and held_joints: given twice, got hip"),
+    ],
+)
+def test_parts_of_schema_2_that_contradict_each_other_are_refused(changes, text):
+    with pytest.raises(InputError) as caught:
+        toy_spec(**changes)
+    assert str(caught.value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda: replace(COMMAND, rest=(2.0, 0.0)),
+            "command 'heading': rest of speed_m_s: out of range, got 2.0",
+        ),
+        (lambda: replace(COMMAND, rest=(0.0,)), "command 'heading': rest: wrong length, got 1, expected 2"),
+        (
+            lambda: replace(COMMAND, timeout_s=0.0),
+            "command 'heading': timeout_s: not usable, got 0.0, expected",
+        ),
+        (lambda: replace(MAP, x_m=(0.0, 0.0)), "map 'ground': x_m: no grid, got [0.0, 0.0], expected finite numbers"),
+        (lambda: replace(MAP, max_age_s=-1.0), "map 'ground': max_age_s: not usable, got -1.0"),
+        (lambda: replace(HELD, kp=-1.0), "held joint 'wrist': kp: not usable, got -1.0, expected 0 or more"),
+        (lambda: ObservationTerm("x", ticks=(2, 1)), "observation term 'x': unusable ticks, got [2, 1]"),
+    ],
+)
+def test_unusable_parts_of_schema_2_are_refused(make, text):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert str(caught.value).startswith(text)
 
 
 def test_provenance_must_be_finite():

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.operator import KEYS
+from deploy.operator.keys import KEYS
 from train.config import check as check_configuration
 from train.config import compose_document
 

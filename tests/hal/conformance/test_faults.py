@@ -13,10 +13,10 @@ import pytest
 
 from core.clock import MonotonicClock
 from deploy.actors import load_run
-from deploy.loop import Loop
+from deploy.control.loop import Loop
+from deploy.control.states import Request, StateMachine
+from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
-from deploy.states import Request, StateMachine
-from deploy.tick import Tick
 from hal.open import WIRES, wire_factory
 from hal.wire.emulated import EmulatedWireBackend
 from tests.deploy.toys import SETTINGS, write_linear_actor

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
-from deploy.film import ghost_qpos
-from deploy.recorder import Recorder
-from deploy.states import Request
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
+from deploy.control.states import Request
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.record.film import ghost_qpos
+from deploy.record.recorder import Recorder
 from hal.contract.types import RobotState
 from hal.simulated.mujoco import MujocoBackend
 from view.viewer import LiveViewer

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from deploy.actor_run import unsteady
+from deploy.control.actor_run import unsteady
+from deploy.control.states import Mode, Request, StateMachine
 from deploy.settings import DeploySettings
-from deploy.states import Mode, Request, StateMachine
 from hal.contract.types import RobotState
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from deploy.recorder import Recorder
-from deploy.states import Mode
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
+from deploy.control.states import Mode
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.record.recorder import Recorder
 from hal.contract.types import RobotState
 from view.renderer import open_renderer
 from view.video import VideoWriter

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from core.clock import Clock
-from deploy.operator import RequestSource
-from deploy.sequence import BandRelease
-from deploy.states import Mode, Request
-from deploy.tick import Tick, TickResult
-from deploy.timing import PhaseTimer
+from deploy.control.sequence import BandRelease
+from deploy.control.states import Mode, Request
+from deploy.control.tick import Tick, TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.operator.keys import RequestSource
 from hal.contract.backend import Backend, Supported
 from hal.contract.types import DeviceError, RobotState
 

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Self
 
 from core.errors import InputError
-from deploy.states import Request
+from deploy.control.states import Request
 
 BUTTONS = {
     "start": Request.STAND,

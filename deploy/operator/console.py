@@ -2,9 +2,9 @@
 
 import sys
 
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
 from deploy.safety.rules import Fault
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
 from hal.contract.types import RobotState
 
 

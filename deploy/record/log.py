@@ -15,9 +15,9 @@ import numpy as np
 from mcap.writer import Writer
 
 from core.errors import InputError
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
 from deploy.safety.rules import Fault
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
 from hal.contract.types import RobotState
 from robot.robot import Robot
 

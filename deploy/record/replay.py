@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from core.arguments import ArgumentParser, number_argument, path_argument
 from core.errors import InputError
 from deploy.actors import load_run
+from deploy.control.actor_run import ActorRun
 from deploy.settings import load_settings
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
@@ -80,21 +81,19 @@ def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[Log
     return same
 
 
-def first_difference(actor: Actor, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
+def first_difference(run: ActorRun, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
     """Feed the states to the actor as the loop did; None where everything agrees within the tolerance."""
-    spec = actor.spec
-    if spec.motion is None:
-        raise InputError("the actor has no reference motion", where=actor.path)
-    controller = PolicyController(actor, robot)
+    spec, controller = run.actor.spec, PolicyController(run.actor, robot)
     for number, tick in enumerate(ticks):
         if tick.action["tick"] == 0 or number == 0:
             controller.reset()
-        phase = min(1.0, tick.action["tick"] * spec.control_period_s / spec.motion.duration_s)
+        now = tick.action["tick"]
+        phase = min(1.0, now * run.period_s / run.duration_s)
         quat, ang_vel, pos, vel = (_array(tick.state[name]) for name in STATE_FIELDS)
-        output = controller.act(quat, ang_vel, pos, vel, phase)
+        output = controller.act(quat, ang_vel, pos, vel, phase, reference=run.reference, tick=now)
         for term, logged, replayed in _pairs(spec, robot, tick, output):
             if not _close(logged, replayed, tolerance):
-                return Difference(tick.action["tick"], tick.time_s, term, logged, replayed)
+                return Difference(now, tick.time_s, term, logged, replayed)
     return None
 
 
@@ -111,12 +110,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = parser.parse_args(arguments)
         robot = load_robot(given.robot)
-        actor = load_run(given.policy, given.motion, robot, load_settings().entry).actor
+        run = load_run(given.policy, given.motion, robot, load_settings().entry)
         ticks, joint_names = read_ticks(given.log)
         if joint_names != robot.joint_names:
             raise InputError("the log is of another robot", where=given.log, expected=robot.name)
-        chosen = ticks_of(actor, ticks, given.log)
-        difference = first_difference(actor, robot, chosen, given.tolerance)
+        chosen = ticks_of(run.actor, ticks, given.log)
+        difference = first_difference(run, robot, chosen, given.tolerance)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT

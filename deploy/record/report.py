@@ -5,11 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deploy.actor_run import ActorRun
+from deploy.cell import Cell
 from deploy.options import RunOptions
-from deploy.recorder import Performance
-from deploy.safety.rules import Fault
-from deploy.timing import PhaseTimer
 from motion.metrics import METRIC_KEYS, over_episodes
 from robot.robot import Robot
 
@@ -39,17 +36,9 @@ class Ending:
     wire: Mapping[str, Any] | None = None
 
 
-def make_report(
-    options: RunOptions,
-    robot: Robot,
-    actor: ActorRun,
-    performance: Performance | None,
-    timer: PhaseTimer,
-    limits: Mapping[str, int],
-    fault: Fault | None,
-    ending: Ending,
-) -> RunReport:
-    """What the JSON result says. actor: the one that was selected last."""
+def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -> RunReport:
+    """What the JSON result says, of the actor whose performance it is."""
+    actor, performance, fault = cell.performer, cell.recorder.performance, cell.machine.fault
     metrics: dict[str, float | None] = dict.fromkeys(METRIC_KEYS)
     if performance is not None:
         metrics = performance.metrics(robot.kinematics)
@@ -68,8 +57,8 @@ def make_report(
         "fault": reason,
         "fell": None if performance is None or not performance.known_root else performance.fallen_at is not None,
         "metrics": over_episodes([metrics]),
-        "timing": timer.report(),
-        "limits": dict(limits),
+        "timing": cell.timer.report(),
+        "limits": dict(cell.guard.counts),
         "wire": None if ending.wire is None else _finite(ending.wire),
     }
     return RunReport(outcome, reason, ending.failure is not None, content)

@@ -8,10 +8,10 @@ Any fault and every operator's stop lead to DAMPING, latched; acknowledging lead
 import enum
 from collections.abc import Callable, Sequence
 
-from deploy.actor_run import ActorRun
+from deploy.control.actor_run import ActorRun
+from deploy.control.stand_up import StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
-from deploy.stand_up import StandUp
 from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from deploy.states import Request
+from deploy.control.states import Request
 
 KEYS = {
     "s": Request.STAND,

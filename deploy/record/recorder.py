@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core.rotations import quat_mul, quat_rotate, yaw_of
-from deploy.states import Mode
-from deploy.tick import TickResult
-from deploy.timing import PhaseTimer
+from deploy.control.actor_run import ActorRun
+from deploy.control.states import Mode
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
 from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
 from motion.reference import Reference
@@ -102,10 +103,11 @@ class Performance:
 
 
 class Recorder:
-    """Watches ticks and keeps the latest performance."""
+    """Watches ticks and keeps the latest performance, and whose it is."""
 
     def __init__(self) -> None:
         self.performance: Performance | None = None
+        self.performer: ActorRun | None = None
         self._after_tracking_tick = False
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
@@ -120,6 +122,7 @@ class Recorder:
             self.performance.add(state)
         if tracking and entered and actor and actor.reference:
             self._begin(state, actor.reference)
+            self.performer = actor
         self._after_tracking_tick = tracking
 
     def _begin(self, state: RobotState, reference: Reference) -> None:

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from deploy.actor_run import ActorRun
+from deploy.control.actor_run import ActorRun
+from deploy.control.states import RESTING, Mode, Request, StateMachine
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
-from deploy.states import RESTING, Mode, Request, StateMachine
 from hal.contract.types import DeviceError, RobotState
 from policy.controller import PolicyOutput
 from world.actuation import JointCommand

@@ -1,0 +1,1 @@
+"""The loop, its tick, and the states of a running robot."""

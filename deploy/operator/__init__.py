@@ -1,0 +1,1 @@
+"""Who asks, and what is shown to whom asks: keys, remote, gamepad, console, window."""

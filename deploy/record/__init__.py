@@ -1,0 +1,1 @@
+"""What remains of a run: recording, log, replay, film, report."""
