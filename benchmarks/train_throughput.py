@@ -42,8 +42,10 @@ try:
         from train.config import compose_document
         from train.learner.build import build_learner
         from train.learner.ppo import Ppo
+        from train.mdp.critic import Critic
         from train.mdp.observations import Observations
         from train.mdp.paired import PairedEnv
+        from train.mdp.reward_sum import RewardSum
         from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.nan_guard import NanGuard
         from train.priors.build import base_action_of
@@ -60,10 +62,10 @@ ACTION_NOISE = 0.1  # standard deviation of the random actions, raw
 PHASES: dict[str, tuple[tuple[type, str], ...]] = {
     "physics": ((Rollout, "rollout"),),
     "kinematics": ((Kinematics, "forward"),),
-    "rewards": ((TrackingEnv, "_rewards"),),
+    "rewards": ((RewardSum, "of"),),
     "observations": (
         (TrackingEnv, "_observe"),
-        (TrackingEnv, "_critic"),
+        (Critic, "view"),
         (Observations, "sample"),
         (Observations, "push"),
         (Observations, "restart"),
@@ -223,7 +225,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
         "stepping_over_physics": speeds["stepping"] / speeds["physics"],
         "loop_over_physics": speeds["loop"] / speeds["physics"],
         "loop_shares": shares | {"rest": 1.0 - sum(shares.values())},
-        "motion": setup.motion_name,
+        "motion": setup.config.motion_name,
         "num_envs": config.num_envs,
         "horizon": config.learner.horizon,
         "turns": turns.counted,

@@ -28,8 +28,8 @@ UNITS = {  # by the end of a name
 def parse(kind: type[T], data: Any, where: str = "") -> T:
     """Build ``kind`` from plain data: a dataclass, or any type that a field of one may have.
 
-    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, int, float, bool, str, Any and
-    ``np.ndarray``, which is a list of numbers, kept as a read-only float64 vector.
+    Understands nested dataclasses, ``dict[str, X]``, tuples, ``Literal``, ``X | None``, ``X | tuple``, int, float,
+    bool, str, Any and ``np.ndarray``, which is a list of numbers, kept as a read-only float64 vector.
 
     Raises:
         InputError: an unknown or missing key, or a value that does not fit, named by its full path. A row of a list
@@ -171,7 +171,9 @@ def _literal(choices: tuple[Any, ...], value: Any, where: str) -> Any:
 def _union(kinds: tuple[Any, ...], value: Any, where: str) -> Any:
     if value is None and type(None) in kinds:
         return None
-    return _value(next(kind for kind in kinds if kind is not type(None)), value, where)
+    others = [kind for kind in kinds if kind is not type(None)]
+    fitting = (kind for kind in others if isinstance(value, list | tuple) == (get_origin(kind) is tuple))
+    return _value(next(fitting, others[0]), value, where)
 
 
 def _dict(kinds: tuple[Any, ...], value: Any, where: str) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from train.mdp.settings import EnvironmentSettings
 from train.priors.module import BaseActionSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
-_PATH_KEYS = ("motion", "robot", "run_dir")
+_PATH_KEYS = ("motion", "motions", "robot", "run_dir")
 MAX_SEED = 2**32 - 1
 _BUDGET_KEYS = ("iterations", "minutes")
 
@@ -35,7 +35,8 @@ _BUDGET_KEYS = ("iterations", "minutes")
 class TrainConfig:
     """Everything a run depends on. See configs/train/config.yaml for the meaning of the keys."""
 
-    motion: str
+    motion: str | None
+    motions: str | None
     robot: str
     seed: int
     num_envs: int
@@ -53,7 +54,16 @@ class TrainConfig:
     base_action: BaseActionSettings
     environment: EnvironmentSettings
 
+    @property
+    def motion_name(self) -> str:
+        """Name of what is tracked: that of the bundled clip, the file, the folder."""
+        return Path(str(self.motion or self.motions)).stem
+
     def __post_init__(self) -> None:
+        if self.motions is not None and self.base_action.kind != "none":
+            raise InputError(
+                "is made for one clip", where="base_action.kind", got=self.base_action.kind, expected="none"
+            )
         within("seed", self.seed, 0, MAX_SEED)
         for name in ("num_envs", "checkpoint_every", "threads"):
             at_least(name, getattr(self, name), 1)
@@ -105,8 +115,11 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
     """
     paths, others = _split_paths(overrides)
     document = _compose(others) | paths
-    if document.get("motion") is None:
+    given = [key for key in ("motion", "motions") if document.get(key) is not None]
+    if not given:
         raise InputError("no motion", where="motion", expected="motion=NAME or motion=FILE", hint="e.g. motion=taichi")
+    if len(given) == 2:
+        raise InputError("conflicts with motion", where="motions", got=document["motions"], expected="one of the two")
     document["precision"] = _resolved_precision(document["precision"])
     if document["threads"] is None:
         document["threads"] = available_cores()

@@ -19,9 +19,9 @@ import torch
 from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
 from motion.reference import joint_columns
-from policy.layouts import pbhc_actor_group
 from policy.metadata import write_metadata
-from policy.spec import ActorSpec, motion_info
+from policy.observation import window_ticks
+from policy.spec import ActorSpec, ObservationGroup, motion_info
 from robot.robot import Robot
 from train.learner.networks import Actor
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
@@ -44,9 +44,11 @@ def deployed(actor: Actor) -> Actor:
 
 
 def actor_spec(
-    robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any], older_lags: tuple[int, ...] = ()
+    robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any], group: ObservationGroup
 ) -> ActorSpec:
-    """What the file says about the actor; joints in the robot's order."""
+    """What the file says about the actor; joints in the robot's order. One that looks ahead follows any clip."""
+    start = clip.joint_pos_rad[0, joint_columns(clip, robot)]
+    any_clip = bool(window_ticks([group]))
     return ActorSpec(
         robot=robot.name,
         joint_names=robot.joint_names,
@@ -56,9 +58,10 @@ def actor_spec(
         action_scale=np.full(robot.num_joints, ACTION_SCALE),
         action_clip=ACTION_CLIP,
         control_period_s=CONTROL_PERIOD_S,
-        observations=(pbhc_actor_group(older_lags=older_lags),),
+        observations=(group,),
         history_start="zeros",
-        motion=motion_info(clip, motion_name, clip.joint_pos_rad[0, joint_columns(clip, robot)]),
+        motion=None if any_clip else motion_info(clip, motion_name, start),
+        follows="any_clip" if any_clip else "clip",
         provenance=dict(provenance),
     )
 
@@ -87,7 +90,7 @@ def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
     verify(twin, graph, group)
     with replacing(path) as unfinished:
         unfinished.write_bytes(graph)
-        write_metadata(unfinished, spec, clip_to_bytes(clip))
+        write_metadata(unfinished, spec, None if spec.motion is None else clip_to_bytes(clip))
         content = unfinished.read_bytes()
         verify(twin, content, group)
     return hashlib.sha256(content).hexdigest()

@@ -1,7 +1,8 @@
 """The files of a run's folder."""
 
 ACTOR_FILE = "actor.onnx"
-CLIP_FILE = "motion.npz"
+CLIP_FILE = "motion.npz"  # of a clip set the first
+CLIPS_FOLDER = "clips"
 CONFIG_FILE = "config.yaml"
 CURVES_FILE = "curves.png"
 FEASIBLE_FILE = "feasible_motion.npz"

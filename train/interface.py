@@ -52,6 +52,10 @@ class TrackingEnv(Protocol):
         """Apply raw actions (B, J) for one control period."""
         ...
 
+    def figures(self) -> dict[str, float]:
+        """What is too much for the log of each step; read whenever the actor is judged."""
+        ...
+
     def finish_iteration(self) -> None:
         """Apply what may change between iterations only. Called after each update of the policy."""
         ...

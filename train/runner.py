@@ -205,7 +205,7 @@ class Runner:
         figures = self._evaluator.evaluate(self.policy())
         self.judged = {"iteration": self.iteration, **figures}
         self.best = self.best.after(self.iteration, figures, self._weights)
-        row = {f"evaluation/{name}": value for name, value in figures.items()}
+        row = {f"evaluation/{name}": value for name, value in figures.items()} | self._env.figures()
         return row | {"time/evaluate_s": time.monotonic() - begun_s}
 
     def _trim(self) -> dict[str, float]:

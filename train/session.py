@@ -14,6 +14,7 @@ from core.errors import InputError
 from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import Clip, load_clip, save_clip
+from motion.clip_set import NamedClip, open_clip_set
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
@@ -21,7 +22,7 @@ from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.export import actor_spec, code_version, export_actor
-from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
+from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.interface import TrackingEnv
 from train.learner.build import build_learner
 from train.mdp.evaluator import NoisyStartEvaluator
@@ -49,24 +50,28 @@ class Setup:
     clip: Clip
     run_dir: Path
     state: dict[str, Any] | None
+    clips: tuple[NamedClip, ...] = ()
 
     @property
-    def motion_name(self) -> str:
-        """The clip's name: that of the bundled clip or of the file."""
-        return Path(self.config.motion).stem
+    def references(self) -> dict[str, Reference]:
+        """What is tracked, by name."""
+        clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)
+        return {clip.name: build_reference(clip.clip, self.robot, CONTROL_PERIOD_S) for clip in clips}
 
 
 def new_setup(document: dict[str, Any]) -> Setup:
     """Check everything of a new run. InputError for anything unusable."""
     config = check(document)
     robot = load_robot(config.robot)
-    clip = open_motion(config.motion, robot)
-    build_reference(clip, robot, CONTROL_PERIOD_S)
+    clips = () if config.motions is None else open_clip_set(config.motions, robot)
+    clip = clips[0].clip if config.motion is None else open_motion(config.motion, robot)
     if Path(config.robot).is_file():
         document = {**document, "robot": str(Path(config.robot).resolve())}
     run_dir = _new_run_dir(config)
     document = {**document, "run_dir": str(run_dir)}
-    return Setup(document, check(document), robot, clip, run_dir, None)
+    setup = Setup(document, check(document), robot, clip, run_dir, None, clips)
+    _ = setup.references  # what is no reference is refused now
+    return setup
 
 
 def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
@@ -77,7 +82,13 @@ def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
     document = with_budget(state["config"], budget_overrides)
     config = check(document)
     robot = load_robot(config.robot)
-    return Setup(document, config, robot, load_clip(run_dir / CLIP_FILE), run_dir, state)
+    return Setup(
+        document, config, robot, load_clip(run_dir / CLIP_FILE), run_dir, state, _stored_clips(config, run_dir, robot)
+    )
+
+
+def _stored_clips(config: TrainConfig, run_dir: Path, robot: Robot) -> tuple[NamedClip, ...]:
+    return () if config.motions is None else open_clip_set(run_dir / CLIPS_FOLDER, robot)
 
 
 def train(setup: Setup) -> None:
@@ -102,7 +113,7 @@ def train(setup: Setup) -> None:
         config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_first
     )
     evaluator = NoisyStartEvaluator(
-        config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads
+        config.environment, setup.robot, setup.references, seed=EVALUATION_SEED, threads=config.threads
     )
     trimmer = None
     if base is not None:
@@ -138,7 +149,8 @@ def replay_dump(path: Path) -> str:
     config = check(dump["config"])
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)
-    setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None)
+    clips = _stored_clips(config, path.parent, robot)
+    setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None, clips)
     seen = replay(dump, environment_of(setup))
     recorded = f"recorded: {dump['group']}"
     if seen is None:
@@ -163,8 +175,7 @@ def feasibility(robot: Robot, reference: Reference) -> list[str]:
 def environment_of(setup: Setup) -> TrackingEnv:
     """The environment that a run trains in, at its beginning."""
     config = setup.config
-    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    build = partial(build_environment, config.environment, setup.robot, reference, seed=config.seed)
+    build = partial(build_environment, config.environment, setup.robot, setup.references, seed=config.seed)
     if config.learner.paired_steps is None:
         return build(num_envs=config.num_envs, threads=config.threads)
     leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
@@ -173,7 +184,7 @@ def environment_of(setup: Setup) -> TrackingEnv:
 
 def _new_run_dir(config: TrainConfig) -> Path:
     if config.run_dir is None:
-        run_dir = Path("runs") / Path(config.motion).stem / time.strftime("%Y%m%d_%H%M%S")
+        run_dir = Path("runs") / config.motion_name / time.strftime("%Y%m%d_%H%M%S")
     else:
         run_dir = Path(config.run_dir)
     run_dir = run_dir.resolve()
@@ -194,6 +205,9 @@ def _begin_folder(setup: Setup) -> None:
         setup.run_dir.mkdir(parents=True, exist_ok=True)
         if setup.state is None:
             save_clip(setup.clip, setup.run_dir / CLIP_FILE)
+            for named in setup.clips:
+                (setup.run_dir / CLIPS_FOLDER).mkdir(exist_ok=True)
+                save_clip(named.clip, setup.run_dir / CLIPS_FOLDER / f"{named.name}.npz")
         write_whole(setup.run_dir / CONFIG_FILE, to_yaml(setup.document).encode())
     except OSError as error:
         raise InputError("cannot be written", where=setup.run_dir, got=error.strerror, expected="a folder") from error
@@ -214,7 +228,7 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
     facts: dict[str, Any] = {
-        "motion": setup.motion_name,
+        "motion": setup.config.motion_name,
         "seed": setup.config.seed,
         "iterations": runner.iteration,
         "samples": runner.samples,
@@ -226,8 +240,8 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code
         "threads": setup.config.threads,
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
-    lags = setup.config.environment.older_ticks()
-    spec = actor_spec(setup.robot, setup.clip, setup.motion_name, facts, lags)
+    group = setup.config.environment.actor_group()
+    spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, group)
     path = setup.run_dir / ACTOR_FILE
     digest = export_actor(actor, spec, setup.clip, path)
     last: Mapping[str, Any] = progress.rows[-1] if progress.rows else {}

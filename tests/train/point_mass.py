@@ -64,6 +64,9 @@ class PointMassEnv:
         self._draw((terminated | timed_out).nonzero()[:, 0])
         return StepResult(self._observe(), rewards, terminated, timed_out, final, log)
 
+    def figures(self):
+        return {}
+
     def finish_iteration(self):
         self.finished_iterations += 1
 

@@ -19,6 +19,7 @@ from policy.observation import sample_terms, term_dims
 from policy.terms import ObservationInput
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
 from train.mdp.curriculum import Curriculum, EpisodeAverage
+from train.mdp.drivers import Figures
 from train.mdp.settings import CurriculumSettings
 from train.mdp.tick import ReferenceTable
 from train.nan_guard import NonFiniteError, check_step
@@ -53,7 +54,7 @@ def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
     result = env.step(hold(env))
     assert result.timed_out.all() and not result.terminated.any()
     assert result.final_critic_obs.shape == (env.num_envs, 630)
-    assert env.tick.tolist() == [0] * env.num_envs
+    assert env.state.tick.tolist() == [0] * env.num_envs
 
 
 def test_after_the_motion_its_last_pose_is_held():
@@ -106,16 +107,18 @@ def test_the_rewarded_acceleration_error_is_the_judged_one_from_the_first_step_o
     frames: list[tuple[np.ndarray, np.ndarray]] = [(np.empty(0), np.empty(0))] * env.num_envs  # actual, wanted
     judged = 0
     for _ in range(20):
-        for robot in (env.episode_steps == 0).nonzero()[:, 0].tolist():
-            pos, velocity = (getattr(env._bodies, name)[robot].numpy() for name in ("pos_w", "lin_vel_w"))
-            wanted = reference.body_pos_w[env.tick[robot]]
-            wanted_velocity = reference.body_lin_vel_w[env.tick[robot]]
+        for robot in (env.state.episode_steps == 0).nonzero()[:, 0].tolist():
+            pos, velocity = (getattr(env.state.bodies, name)[robot].numpy() for name in ("pos_w", "lin_vel_w"))
+            wanted = reference.body_pos_w[env.state.tick[robot]]
+            wanted_velocity = reference.body_lin_vel_w[env.state.tick[robot]]
             frames[robot] = np.stack([pos - 0.02 * velocity, pos]), np.stack([wanted - 0.02 * wanted_velocity, wanted])
         result = env.step(0.3 * torch.randn(env.num_envs, 23, generator=generator))
-        for robot in (env.episode_steps > 0).nonzero()[:, 0].tolist():  # the others stand at their next start already
+        for robot in (
+            (env.state.episode_steps > 0).nonzero()[:, 0].tolist()
+        ):  # the others stand at their next start already
             actual, wanted = frames[robot]
-            actual = np.stack([*actual[-2:], env._bodies.pos_w[robot].numpy()])
-            wanted = np.stack([*wanted[-2:], reference.body_pos_w[env.tick[robot]]])
+            actual = np.stack([*actual[-2:], env.state.bodies.pos_w[robot].numpy()])
+            wanted = np.stack([*wanted[-2:], reference.body_pos_w[env.state.tick[robot]]])
             frames[robot] = actual, wanted
             error_m = empbae_mm(actual, wanted)[0] / 1000
             assert result.rewards[robot, 0].item() == pytest.approx(0.02 * np.exp(-error_m / 0.02), rel=1e-3)
@@ -126,7 +129,7 @@ def test_the_rewarded_acceleration_error_is_the_judged_one_from_the_first_step_o
 def test_starts_lie_on_the_reference_with_its_velocities():
     env = small_env(num_envs=64)
     reference = swaying_reference(g1())
-    ticks = env.start_tick.numpy()
+    ticks = env.state.start_tick.numpy()
     assert len(np.unique(ticks)) > 10 and ticks.max() < 50
     state = env.simulator.state()
     assert state.joint_pos_rad.numpy() == pytest.approx(reference.joint_pos_rad[ticks], abs=1e-6)
@@ -165,7 +168,7 @@ def test_recovery_starts_are_frames_of_other_motions_where_the_reference_stands(
 def bodies_sole_height(env, robot, foot) -> np.ndarray:
     """Height (B,) of the lowest corner of a foot's sole, by the environment's bodies at its start."""
     index = robot.tracked_index([foot])[0]
-    pos, quat = env._bodies.pos_w[:, index], env._bodies.quat_wxyz[:, index]
+    pos, quat = env.state.bodies.pos_w[:, index], env.state.bodies.quat_wxyz[:, index]
     corners = torch.tensor(robot.sole_points_m[foot].copy()).float()
     world = torch.stack([pos + quat_rotate(quat, corner.expand(len(pos), 3)) for corner in corners])
     return world[..., 2].amin(dim=0).numpy()
@@ -200,7 +203,7 @@ def test_actor_observations_equal_those_of_the_robot(older_lags):
             default_pos_rad=np.asarray(g1().default_pos_rad),
         )
         expected = history.push(sample_terms(history.terms, now))
-        assert env.observations.actor()[1].numpy() == pytest.approx(expected, abs=2e-5)
+        assert env.observations.actor(env.state.actor_history)[1].numpy() == pytest.approx(expected, abs=2e-5)
         sent = 0.1 * torch.randn(2, 23, generator=generator)
         env.step(sent)
         action = sent[1].numpy().astype(float)
@@ -209,12 +212,15 @@ def test_actor_observations_equal_those_of_the_robot(older_lags):
 def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     noise = {"projected_gravity": 0.2}
     env = small_env(num_envs=512, start=FIRST_FRAME, observation_noise=noise)
-    gravity = env.observations.actor()[:, -4:-1] - torch.tensor([0.0, 0.0, -1.0])
+    gravity = env.observations.actor(env.state.actor_history)[:, -4:-1] - torch.tensor([0.0, 0.0, -1.0])
     assert 0.19 < gravity.abs().max() <= 0.2
     assert float(gravity.std()) == pytest.approx(0.4 / np.sqrt(12), rel=0.05)
     quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
     env = small_env(start=FIRST_FRAME, observation_noise=noise, randomization_scale=quiet)
-    assert env.observations.actor()[:, -4:-1].tolist() == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
+    assert (
+        env.observations.actor(env.state.actor_history)[:, -4:-1].tolist()
+        == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
+    )
 
 
 def test_a_resumed_environment_continues_to_the_same_numbers():
@@ -223,7 +229,7 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
         "randomization": ranges,
         "observation_noise": {"dof_pos": 0.01},
         "start": {"first_frame": 0.3, "by_failure": 0.3, "joint_noise_rad": 0.02},
-        "push": {"velocity_m_s": 0.2, "interval_s": [0.1, 0.2]},
+        "events": {"push": {"interval_s": [0.1, 0.2], "params": {"velocity_m_s": 0.2}}},
         "anchor_time_s": 0.3,
     }
     first, second = small_env(seconds=0.4, **changes), small_env(seconds=0.4, seed=9, **changes)
@@ -243,7 +249,7 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
 def test_several_clips_share_one_table():
     robot = g1()
     short, long = swaying_reference(robot, 0.4), swaying_reference(robot, 1.0)
-    table = ReferenceTable([short, long], [torch.as_tensor(ground_lift_m(robot, clip)) for clip in (short, long)])
+    table = ReferenceTable([short, long], [ground_lift_m(robot, clip) for clip in (short, long)], "cpu")
     rows = table.rows(torch.tensor([0, 1, 0]), torch.tensor([3, 50, 99]))
     expected = [short.joint_pos_rad[3], long.joint_pos_rad[50], short.joint_pos_rad[20]]
     assert rows.joint_pos_rad.numpy() == pytest.approx(np.array(expected), abs=1e-6)
@@ -253,7 +259,7 @@ def test_several_clips_share_one_table():
 def test_beyond_the_end_a_table_gives_the_last_pose_at_rest():
     robot = g1()
     references = [swaying_reference(robot, 0.41), swaying_reference(robot, 1.0)]  # the first ends while it moves
-    table = ReferenceTable(references, [torch.as_tensor(ground_lift_m(robot, clip)) for clip in references])
+    table = ReferenceTable(references, [ground_lift_m(robot, clip) for clip in references], "cpu")
     last, beyond = (
         table.rows(torch.tensor([0, 0]), torch.tensor([20, 30])),
         table.rows(torch.tensor([0]), torch.tensor([21])),
@@ -267,15 +273,15 @@ def test_beyond_the_end_a_table_gives_the_last_pose_at_rest():
 
 def test_a_curriculum_moves_by_its_driver_and_stops_at_its_bounds():
     limit = Curriculum(CurriculumSettings(1.5, 2.0, 0.3, 0.1, "episode_length", 42.0, 40.0))
-    limit.update(length=41.0, survival=0.0)
+    limit.update(Figures(length=41.0, survival=0.0))
     assert limit.value == 1.5
-    limit.update(length=43.0, survival=0.0)
+    limit.update(Figures(length=43.0, survival=0.0))
     assert limit.value == pytest.approx(1.5 / 1.1)
-    limit.update(length=39.0, survival=0.0)
-    limit.update(length=39.0, survival=0.0)
+    limit.update(Figures(length=39.0, survival=0.0))
+    limit.update(Figures(length=39.0, survival=0.0))
     assert limit.value == pytest.approx(1.65)
     for _ in range(100):
-        limit.update(length=50.0, survival=0.0)
+        limit.update(Figures(length=50.0, survival=0.0))
     assert limit.value == 0.3
 
 
@@ -300,6 +306,15 @@ def test_episode_averages_start_at_the_first_episodes():
         ({"penalty_scale": CONSTANT | {"start": 0.0, "easy": 0.0, "factor": 1e-3}}, "penalty_scale.start: not pos"),
         ({"simulation": {"substeps": 0}}, "at least 1"),
         ({"randomization": {"frictoin": [1, 1]}}, "unknown key"),
+        ({"rewards": {"torque": {"weight": 1.0, "params": {"limit": 1.0}}}}, "torque.params.limit: unknown parameter"),
+        ({"termination": {"terms": {"tilt": {}}}}, "termination.terms.tilt.limit: missing parameter"),
+        ({"termination": {"terms": {"tipped": {}}}}, "termination.terms.tipped: unknown termination"),
+        ({"events": {"push": {"interval_s": [0.0, 1.0], "params": {"velocity_m_s": 0.1}}}}, "interval_s.0.: not pos"),
+        ({"events": {"shove": {"interval_s": [1.0, 2.0]}}}, "events.shove: unknown event"),
+        ({"critic": ["mass"]}, "environment.critic.mass: unknown critic term"),
+        ({"observations": "none_such"}, "environment.observations: unknown layout"),
+        ({"observations": [{"term": "dof_poss"}]}, "environment.observations.*unknown observation term"),
+        ({"penalty_scale": CONSTANT | {"driver": "hope"}}, "penalty_scale.driver: unknown curriculum driver"),
         ({"start": {"recovery": {"share": 0.5}}}, "start.recovery.motions: no motion"),
         ({"start": {"recovery": {"share": 1.5, "motions": ["stand"]}}}, "recovery.share: out of range"),
         ({"start": {"recovery": {"velocity_m_s": -0.1}}}, "recovery.velocity_m_s"),
@@ -343,10 +358,10 @@ def test_physics_that_diverges_for_many_is_named_and_not_hidden_by_a_reset():
 def test_a_loaded_state_is_out_of_reach_of_later_resets():
     env = small_env(start={"joint_noise_rad": 0.1})
     state = env.state_dict()
-    before = [value.clone() for value in state["bodies"]]
+    before = {name: value.clone() for name, value in state["state"].items()}
     env.load_state_dict(state)
     env.reset()
-    assert all(torch.equal(a, b) for a, b in zip(state["bodies"], before, strict=True))
+    assert all(torch.equal(value, before[name]) for name, value in state["state"].items())
 
 
 def test_the_critic_sees_numbers_within_the_clip_too():

@@ -26,9 +26,9 @@ def test_robots_begin_before_the_places_where_they_fail():
     env = small_env(seconds=5.0, num_envs=200, start={"by_failure": 1.0})
     steps = torch.full((1, 10), 1e4)
     failures = torch.where(torch.arange(10) == 6, 500.0, 0.0)[None]  # a twentieth in every tick from 3 to 3.5 s
-    env.failures.load_state_dict({"steps": steps, "failures": failures})
+    env.command.failures.load_state_dict({"steps": steps, "failures": failures})
     env.reset()
-    before = (env.tick >= 75) & (env.tick < 175)
+    before = (env.state.tick >= 75) & (env.state.tick < 175)
     weight = (1.0 - 0.95**25) + MIN_WEIGHT
     assert float(before.float().mean()) == pytest.approx(4 * weight / (4 * weight + 6 * MIN_WEIGHT), abs=0.07)
 
@@ -62,9 +62,9 @@ def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -
 def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
     rates = FailureRates(torch.tensor([310]))
     failing_at(rates, 310, range(151, 161), share=0.05)
-    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+    assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
     failing_at(rates, 100, range(0), share=0.0)  # they stay in the first two seconds: nothing new of the rest
-    assert rates.survival() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+    assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
 
 
 def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():
@@ -72,7 +72,7 @@ def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():
     tick = torch.arange(1, 26)
     for _ in range(25_000):
         rates.update(torch.zeros_like(tick), tick, torch.zeros(25, dtype=torch.bool))
-    assert rates.survival() == pytest.approx(0.9**25, rel=1e-3)
+    assert rates.survival().item() == pytest.approx(0.9**25, rel=1e-3)
 
 
 def test_failures_count_for_starts_of_the_two_seconds_before():

@@ -11,7 +11,7 @@ STEPS = 4
 DISTURBED = {
     "randomization_scale": CONSTANT,
     "observation_noise": {"base_ang_vel": 0.3, "dof_pos": 0.02},
-    "push": {"velocity_m_s": 0.3, "interval_s": [0.02, 0.1]},
+    "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "start": {"joint_noise_rad": 0.02, "tilt_noise_rad": 0.05, "velocity_noise": 0.1},
     "randomization": {"com_xy_m": 0.05, "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]},
 }
@@ -112,7 +112,7 @@ def test_both_halves_change_between_iterations():
 
 def test_a_clip_that_ends_as_twins_come_back_keeps_both_last_states():
     """One second is 50 steps."""
-    env = paired(start={"first_frame": 1.0}, push={"velocity_m_s": 0.0}, steps=50)
+    env = paired(start={"first_frame": 1.0}, events={}, steps=50)
     for _ in range(49):
         env.step(same(noise(std=0.0)))
     result = env.step(same(noise(std=0.0)))

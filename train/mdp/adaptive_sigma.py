@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 import torch
 
+from train.batch import Device
+
 
 class AdaptiveSigma:
     """One tolerance per tracking term, tightened towards the running mean of that term's error.
@@ -12,11 +14,14 @@ class AdaptiveSigma:
         start: term name → σ at the start (also the start of the running mean).
         alpha: weight of a new error in the running mean, per environment step.
         adaptive: ``False`` keeps σ fixed.
+        device: where the errors are.
     """
 
-    def __init__(self, start: Mapping[str, float], alpha: float = 1e-3, *, adaptive: bool = True) -> None:
+    def __init__(
+        self, start: Mapping[str, float], alpha: float = 1e-3, *, adaptive: bool = True, device: Device = "cpu"
+    ) -> None:
         self.names = tuple(start)
-        self.sigma = torch.tensor(list(start.values()), dtype=torch.float64)
+        self.sigma = torch.tensor(list(start.values()), dtype=torch.float64, device=device)
         self.mean_error = self.sigma.clone()
         self._alpha, self._adaptive = alpha, adaptive
 
@@ -42,4 +47,5 @@ class AdaptiveSigma:
 
     def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
         """Restore what :meth:`state_dict` returned."""
-        self.sigma, self.mean_error = state["sigma"].clone(), state["mean_error"].clone()
+        self.sigma.copy_(state["sigma"])
+        self.mean_error.copy_(state["mean_error"])

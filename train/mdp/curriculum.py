@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
+from train.mdp.drivers import DRIVERS, Figures
 from train.mdp.settings import CurriculumSettings
 
 AVERAGED_EPISODES = 10_000
@@ -31,20 +32,16 @@ class Curriculum:
     """One value, its bounds and what drives it. See :class:`CurriculumSettings`."""
 
     def __init__(self, settings: CurriculumSettings) -> None:
-        self._settings = settings
+        self._settings, self._driver = settings, DRIVERS[settings.driver]
         self.value = settings.start
 
-    def update(self, *, length: float, survival: float) -> None:
-        """Move by one step, if the driver (mean episode length in steps, or chance to survive the clip) asks for it."""
-        s = self._settings
-        if s.driver == "always":
-            self._move(s.hard)
-            return
-        level = length if s.driver == "episode_length" else survival
-        if level > s.harder_above:
-            self._move(s.hard)
-        elif level < s.easier_below:
-            self._move(s.easy)
+    def update(self, figures: Figures) -> None:
+        """Move by one step, if the driver asks for it."""
+        level = self._driver(figures)
+        if level > self._settings.harder_above:
+            self._move(self._settings.hard)
+        elif level < self._settings.easier_below:
+            self._move(self._settings.easy)
 
     def _move(self, bound: float) -> None:
         """Multiply or divide by 1 + factor towards ``bound``, and stop there."""

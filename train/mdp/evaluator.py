@@ -10,7 +10,13 @@ from motion.reference import Reference
 from robot.robot import Robot
 from train.interface import Policy
 from train.mdp.factory import build_environment
-from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
+from train.mdp.settings import (
+    ClipSettings,
+    CurriculumSettings,
+    EnvironmentSettings,
+    StartSettings,
+    TerminationSettings,
+)
 from train.mdp.tracking import TrackingEnv
 
 STARTS = {"nominal": 24, "randomized": 96}  # who falls differs by chance, how far off one is hardly
@@ -21,7 +27,7 @@ ERROR_WEIGHT = 0.1
 
 
 class NoisyStartEvaluator:
-    """Plays the whole clip from noisy starts, without training's distance limit.
+    """Plays the whole clip from noisy starts, without training's distance limit; of several clips each in turn.
 
     The score is the body error (Empbpe, mm) plus a tenth of the global one, plus 1000 times the share of starts that
     fall, averaged over nominal starts and starts with full randomisation and observation noise. Its error is what
@@ -29,25 +35,32 @@ class NoisyStartEvaluator:
 
     Args:
         settings: the training environment's; its randomisation and noise are used at full size.
-        robot, reference: what is tracked.
+        robot: who tracks.
+        references: what is tracked, by name.
         seed: of every evaluation, so that actors meet the same conditions.
         threads: worker threads of the physics.
     """
 
     def __init__(
-        self, settings: EnvironmentSettings, robot: Robot, reference: Reference, *, seed: int, threads: int
+        self,
+        settings: EnvironmentSettings,
+        robot: Robot,
+        references: Mapping[str, Reference],
+        *,
+        seed: int,
+        threads: int,
     ) -> None:
-        self._reference, self._robot, self._seed, self._threads = reference, robot, seed, threads
-        self._settings = whole_clip(settings, reference)
+        self._references, self._robot, self._seed, self._threads = references, robot, seed, threads
+        self._settings = whole_clip(settings, *references.values())
 
     def evaluate(self, act: Policy) -> dict[str, float]:
         """See :class:`train.interface.Evaluator`."""
         figures: dict[str, float] = {}
         for name, settings in self._settings.items():
             env = build_environment(
-                settings, self._robot, self._reference, num_envs=STARTS[name], seed=self._seed, threads=self._threads
+                settings, self._robot, self._references, num_envs=STARTS[name], seed=self._seed, threads=self._threads
             )
-            figures |= {f"{name}_{key}": value for key, value in _play(env, act, self._reference.num_ticks).items()}
+            figures |= {f"{name}_{key}": value for key, value in _play(env, act).items()}
         scores = [
             figures[f"{name}_empbpe_mm"]
             + ERROR_WEIGHT * figures[f"{name}_eg_mpbpe_mm"]
@@ -59,16 +72,17 @@ class NoisyStartEvaluator:
         return {"score": sum(scores) / len(scores), "score_error": error / len(scores), **figures}
 
 
-def whole_clip(settings: EnvironmentSettings, reference: Reference) -> dict[str, EnvironmentSettings]:
-    """Settings under which robots play ``reference`` from noisy starts until they fall: nominal and randomized ones."""
-    height = float(reference.root_pos_w[0, 2]) * FALL_HEIGHT_SHARE
+def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[str, EnvironmentSettings]:
+    """Settings under which robots play from noisy starts until they fall: nominal and randomized ones."""
+    height = min(float(reference.root_pos_w[0, 2]) for reference in references) * FALL_HEIGHT_SHARE
     full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
     common = replace(
         settings,
         randomization=replace(settings.randomization, nominal_share=0.0),
         start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
-        termination=TerminationSettings(tilt=2.0, distance=False, min_height_m=height, max_episode_s=1e9),
+        termination=TerminationSettings(terms={"tilt": {"limit": 2.0}, "height": {"min_m": height}}, max_episode_s=1e9),
         anchor_time_s=None,
+        clips=ClipSettings(in_turn=True),
     )
     none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
     return {
@@ -77,21 +91,26 @@ def whole_clip(settings: EnvironmentSettings, reference: Reference) -> dict[str,
     }
 
 
-def _play(env: TrackingEnv, act: Policy, ticks: int) -> dict[str, float]:
+def _play(env: TrackingEnv, act: Policy) -> dict[str, float]:
     """Falls (share), length until the end or the first fall (share of the clip), and mean errors until then."""
+    observations: Mapping[str, torch.Tensor] = env.reset()
+    clip, ticks = env.state.clip.clone(), env.command.num_ticks
     alive = torch.ones(env.num_envs, dtype=torch.bool)
+    playing = alive.clone()
     sums = {"eg_mpbpe_mm": 0.0, "empbpe_mm": 0.0, "empjpe_mrad": 0.0}
     steps = 0
-    observations: Mapping[str, torch.Tensor] = env.reset()
-    for _ in range(ticks):
+    for _ in range(int(ticks.max())):
         result = env.step(act(observations["actor"]))
         observations = result.observations
-        alive &= ~result.terminated
-        if not alive.any():
+        alive &= ~(result.terminated & playing)
+        playing &= alive
+        if not playing.any():
             break
         for name, values in env.last_errors.items():
-            sums[name] += float(values[alive].sum())
-        steps += int(alive.sum())
+            sums[name] += float(values[playing].sum())
+        steps += int(playing.sum())
+        playing &= ~result.timed_out
     errors = {name: total / max(steps, 1) for name, total in sums.items()}
-    survival = {"falls": 1.0 - float(alive.float().mean()), "length_ratio": steps / (env.num_envs * ticks)}
-    return survival | (errors if steps else dict.fromkeys(sums, float("inf")))
+    survival = {"falls": 1.0 - float(alive.float().mean()), "length_ratio": steps / int(ticks[clip].sum())}
+    each = {f"clip/{name}/survival": float(alive[clip == i].float().mean()) for i, name in enumerate(env.command.names)}
+    return survival | (errors if steps else dict.fromkeys(sums, float("inf"))) | (each if len(each) > 1 else {})

@@ -1,11 +1,15 @@
 """Builds the environment from its configuration."""
 
+from collections.abc import Mapping
+
 import torch
 
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from robot.robot import Robot
+from train.batch import Device
+from train.mdp.command import Command
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.tick import ReferenceTable
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
@@ -17,17 +21,20 @@ STREAMS = 4
 def build_environment(
     settings: EnvironmentSettings,
     robot: Robot,
-    reference: Reference,
+    references: Reference | Mapping[str, Reference],
     *,
     num_envs: int,
     seed: int,
     threads: int,
+    device: Device = "cpu",
 ) -> TrackingEnv:
-    """An environment of ``num_envs`` robots on one clip. Same arguments, same numbers.
+    """An environment of ``num_envs`` robots on one clip, or on several by name. Same arguments, same numbers.
 
     Raises:
         InputError: a motion of ``settings.start.recovery`` that is none.
     """
+    if isinstance(references, Reference):
+        references = {"clip": references}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -46,9 +53,11 @@ def build_environment(
     recovery = None
     if settings.start.recovery.share > 0.0:
         motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
-        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions])
-    return TrackingEnv(robot, _table(robot, [reference]), simulator, settings, generator, episodes, recovery)
+        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions], device)
+    table = _table(robot, [*references.values()], device)
+    command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
+    return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
 
 
-def _table(robot: Robot, references: list[Reference]) -> ReferenceTable:
-    return ReferenceTable(references, [torch.as_tensor(ground_lift_m(robot, reference)) for reference in references])
+def _table(robot: Robot, references: list[Reference], device: Device) -> ReferenceTable:
+    return ReferenceTable(references, [ground_lift_m(robot, reference) for reference in references], device)

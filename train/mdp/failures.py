@@ -27,7 +27,9 @@ class FailureRates:
     def __init__(self, num_ticks: torch.Tensor) -> None:
         bins = int(-(-int(num_ticks.max()) // BIN_TICKS))
         self._num_ticks = num_ticks
-        self._ticks = (num_ticks[:, None] - BIN_TICKS * torch.arange(bins)).clamp(0, BIN_TICKS).float()
+        self._ticks = (
+            (num_ticks[:, None] - BIN_TICKS * torch.arange(bins, device=num_ticks.device)).clamp(0, BIN_TICKS).float()
+        )
         self._steps = torch.full_like(self._ticks, PRIOR_STEPS)
         self._failures = PRIOR_RATE * self._steps
 
@@ -37,12 +39,15 @@ class FailureRates:
         What lies beyond the clip's end counts for its last bin.
         """
         bins = clip * self._ticks.shape[1] + (torch.minimum(tick, self._num_ticks[clip]) - 1) // BIN_TICKS
-        for total, weights in ((self._steps, torch.ones(len(bins))), (self._failures, failed.float())):
+        for total, weights in (
+            (self._steps, torch.ones_like(failed, dtype=torch.float32)),
+            (self._failures, failed.float()),
+        ):
             total.mul_(MEMORY).view(-1).add_(torch.bincount(bins, weights, minlength=total.numel()))
 
-    def survival(self) -> float:
-        """The chance to survive a clip from its first tick to its last, at the present rates; mean over clips."""
-        return float(self._log_survival().sum(dim=1).exp().mean())
+    def survival(self) -> torch.Tensor:
+        """The chance (C,) to survive each clip from its first tick to its last, at the present rates."""
+        return self._log_survival().sum(dim=1).exp()
 
     def ahead(self) -> torch.Tensor:
         """The chance (C, bins) to fail within the two seconds that begin with a bin."""

@@ -1,59 +1,80 @@
-"""What actor and critic see (PBHC Table 5): the shared terms, batched, with noise and history."""
+"""What the actor sees: the terms of its layout, batched, with noise and history; and the critic's exact ones."""
 
 from collections.abc import Mapping
 
 import torch
 
-from core.rotations import quat_conjugate, quat_rotate, quat_rotate_inverse, yaw_quat
-from policy.layouts import pbhc_actor_group
-from policy.observation import gather_index, num_lags, sample_clip, sample_terms, sample_width, term_dims, term_order
+from core.rotations import quat_rotate_inverse
+from policy.observation import (
+    entry_size,
+    gather_index,
+    num_lags,
+    sample_clip,
+    sample_terms,
+    sample_width,
+    term_dims,
+    term_order,
+    window_ticks,
+)
+from policy.reference import ReferenceWindow
+from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
-from train.mdp.tick import Bodies
-from train.simulation.domain import Domain
+from train.batch import Device
+from train.mdp.draws import rand
+from train.mdp.state import EnvState
 from train.simulation.simulator import PhysicsState
 
 LIN_VEL_SCALE = 2.0
-DOMAIN_SCALE = 10.0
-DELAY_SCALE = 25.0
+CRITIC_LAGS = 5  # older ticks tell of what is hidden, which the critic sees
 
 
 class Observations:
-    """Samples the observation terms of a batch and keeps their histories, newest first.
+    """Samples the observation terms of a batch, and lays out their histories.
 
     Args:
         robot: the robot.
-        num_envs: B.
+        group: the actor's layout.
         noise: term name → half width of the uniform noise on the actor's samples, before scaling.
-        older_lags: see :func:`policy.observation.pbhc_actor_group`; the critic, who sees what is hidden, has none.
+        device: where the robots are.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        num_envs: int,
-        noise: Mapping[str, float],
-        older_lags: tuple[int, ...] = (),
-    ) -> None:
-        self.group = pbhc_actor_group(older_lags=older_lags)
+    def __init__(self, robot: Robot, group: ObservationGroup, noise: Mapping[str, float], device: Device) -> None:
+        self.group, self._device = group, device
+        self.layout = term_slices(group, robot.num_joints)
         dims = term_dims(robot.num_joints)
-        self._terms = term_order(self.group)
-        self._index = torch.as_tensor(gather_index(self.group, dims))
-        self._clip = torch.as_tensor(sample_clip(self._terms, dims)).float()
-        width = sample_width(self._terms, dims)
-        self._noise = torch.cat([torch.full((dims[t.term],), noise.get(t.term, 0.0) * t.scale) for t in self._terms])
-        self._default = torch.tensor(robot.default_pos_rad).float()
-        self.actor_history = torch.zeros(num_envs, num_lags(self.group), width)
-        self.critic_history = torch.zeros(num_envs, num_lags(pbhc_actor_group()), width + 3)
+        self._terms = term_order(group)
+        self._index = torch.as_tensor(gather_index(group, dims), device=device)
+        self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
+        self._width = sample_width(self._terms, dims)
+        sizes = [entry_size(t, dims) for t in self._terms]
+        noises = [noise.get(t.term, 0.0) * t.scale for t in self._terms]
+        self._noise = torch.cat([torch.full((n,), half, device=device) for n, half in zip(sizes, noises, strict=True)])
+        looks_ahead = [torch.full((n,), bool(t.ticks), device=device) for n, t in zip(sizes, self._terms, strict=True)]
+        self._ahead = torch.cat(looks_ahead).nonzero()[:, 0]
+        self._own = (~torch.cat(looks_ahead)).nonzero()[:, 0]
+        self.window_ticks = window_ticks([group])
+        self._default = torch.tensor(robot.default_pos_rad, device=device).float()
 
-    def push(self, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
+    def histories(self, num_envs: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Empty ones of actor (B, L, W) and critic (B, 5, V+3); V: what does not look ahead."""
+        return (
+            torch.zeros(num_envs, num_lags(self.group), self._width, device=self._device),
+            torch.zeros(num_envs, CRITIC_LAGS, len(self._own) + 3, device=self._device),
+        )
+
+    @staticmethod
+    def push(state: EnvState, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
         """Take in the samples (B, W) of every environment; every lag grows by one tick."""
-        self.actor_history = torch.cat([actor_sample[:, None], self.actor_history[:, :-1]], dim=1)
-        self.critic_history = torch.cat([critic_sample[:, None], self.critic_history[:, :-1]], dim=1)
+        state.actor_history = torch.cat([actor_sample[:, None], state.actor_history[:, :-1]], dim=1)
+        state.critic_history = torch.cat([critic_sample[:, None], state.critic_history[:, :-1]], dim=1)
 
-    def restart(self, env_ids: torch.Tensor, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
+    @staticmethod
+    def restart(
+        state: EnvState, env_ids: torch.Tensor, actor_sample: torch.Tensor, critic_sample: torch.Tensor
+    ) -> None:
         """Begin the histories of ``env_ids`` (n,) anew: zeros, then the samples (n, W)."""
-        for history, sample in ((self.actor_history, actor_sample), (self.critic_history, critic_sample)):
+        for history, sample in ((state.actor_history, actor_sample), (state.critic_history, critic_sample)):
             history[env_ids] = 0.0
             history[env_ids, 0] = sample
 
@@ -62,13 +83,14 @@ class Observations:
         physics: PhysicsState,
         last_action: torch.Tensor,
         phase: torch.Tensor,
+        window: ReferenceWindow | None,
         *,
         noise_scale: float,
         generator: torch.Generator,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the noisy actor sample (n, W) and the exact critic sample (n, W+3) of n environments.
+        """Return the noisy actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
 
-        The noise is drawn from ``generator``.
+        ``window``: the reference at :attr:`window_ticks`. The noise is drawn from ``generator``.
         """
         terms = ObservationInput(
             base_quat_wxyz=physics.root_quat_wxyz,
@@ -78,36 +100,28 @@ class Observations:
             last_action=last_action,
             phase=phase[:, None] if phase.dim() == 1 else phase,
             default_pos_rad=self._default,
+            reference=window,
         )
         exact = sample_terms(self._terms, terms).float()
-        noise = (2.0 * torch.rand(exact.shape, generator=generator) - 1.0) * (self._noise * noise_scale)
+        noise = (2.0 * rand(exact.shape, generator, self._device) - 1.0) * (self._noise * noise_scale)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
         actor = torch.clamp(exact + noise, -self._clip, self._clip)
-        return actor, torch.cat([exact, LIN_VEL_SCALE * lin_vel_b], dim=1)
+        return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
 
-    def actor(self) -> torch.Tensor:
-        """The actor's observation (B, 380), and the older ticks after it."""
-        return self.actor_history.flatten(1).gather(1, self._index.expand(len(self.actor_history), -1))
+    def ahead(self, history: torch.Tensor) -> torch.Tensor:
+        """The terms that look ahead on the reference (n, A), now, of the actor's ``history`` (n, L, W)."""
+        return history[:, 0, self._ahead]
 
-
-def reference_view(physics: PhysicsState, bodies: Bodies, target_pos_w: torch.Tensor) -> torch.Tensor:
-    """Reference body positions relative to the base, and to the bodies, in the heading frame: (n, 2·27·3)."""
-    heading = quat_conjugate(yaw_quat(physics.root_quat_wxyz))[:, None]
-    relative = quat_rotate(heading, target_pos_w - physics.root_pos_w[:, None])
-    difference = quat_rotate(heading, target_pos_w - bodies.pos_w)
-    return torch.cat([relative.flatten(1), difference.flatten(1)], dim=1)
+    def actor(self, history: torch.Tensor) -> torch.Tensor:
+        """The actor's observation (B, n), laid out of its ``history`` (B, L, W)."""
+        return history.flatten(1).gather(1, self._index.expand(len(history), -1))
 
 
-def domain_view(domain: Domain, delay_s: torch.Tensor) -> torch.Tensor:
-    """The randomised parameters as the critic sees them, around zero and of order one: (B, 3+22+23+23+1+1)."""
-    return torch.cat(
-        [
-            domain.com_offset_m * DOMAIN_SCALE,
-            (domain.mass_scale - 1.0) * DOMAIN_SCALE,
-            (domain.kp_scale - 1.0) * DOMAIN_SCALE,
-            (domain.kd_scale - 1.0) * DOMAIN_SCALE,
-            (domain.friction[:, None] - 1.0),
-            delay_s[:, None] * DELAY_SCALE,
-        ],
-        dim=1,
-    )
+def term_slices(group: ObservationGroup, num_joints: int) -> dict[str, slice]:
+    """Where each term at each lag, ``term[lag]``, lies in the group's observation."""
+    dims, first, found = term_dims(num_joints), 0, {}
+    for entry in group.terms:
+        for lag in entry.lags:
+            found[f"{entry.term}[{lag}]"] = slice(first, first + entry_size(entry, dims))
+            first += entry_size(entry, dims)
+    return found

@@ -58,6 +58,10 @@ class PairedEnv:
             led.log,
         )
 
+    def figures(self) -> dict[str, float]:
+        """See :class:`train.interface.TrackingEnv`; the leaders'."""
+        return self._leaders.figures()
+
     def finish_iteration(self) -> None:
         """See :class:`train.interface.TrackingEnv`."""
         for env in (self._leaders, self._twins):

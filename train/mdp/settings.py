@@ -2,44 +2,68 @@
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Literal
 
 from core.errors import InputError
-from core.structured import at_least, ordered, positive, within
-from policy.spec import MAX_LAG
+from core.structured import at_least, positive, within
+from policy.layouts import pbhc_actor_group, window_actor_group
+from policy.observation import check_terms
+from policy.spec import MAX_LAG, ObservationGroup, ObservationTerm
 from policy.terms import TERMS as OBSERVATION_TERMS
+from train.mdp.critic_terms import CRITIC_TERMS
+from train.mdp.drivers import DRIVERS
+from train.mdp.events import EventTerm
 from train.mdp.rewards import DIRECT, TRACKING
+from train.mdp.terminations import TERMINATIONS
 from train.simulation.domain import DomainRanges
+
+LAYOUTS = ("pbhc", "window")
+CRITIC = (
+    "history", "reference_position", "position_difference", "com_offset", "mass_scale", "kp_scale", "kd_scale",
+    "friction", "delay",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class RewardTerm:
-    """Weight of one reward term; ``sigma`` for tracking terms; ``curriculum``: scaled by the penalty curriculum."""
+    """Weight of one reward term; ``sigma`` for tracking terms; ``curriculum``: scaled by the penalty curriculum.
+
+    ``params``: of the term's function.
+    """
 
     weight: float
     sigma: float | None = None
     curriculum: bool = False
+    params: dict[str, float] = field(default_factory=dict)
+
+    def check(self, where: str, name: str) -> None:
+        """InputError unless ``name`` is a term that these fit."""
+        if name not in TRACKING and name not in DIRECT:
+            raise InputError("unknown reward term", where=where, expected=sorted([*TRACKING.names, *DIRECT.names]))
+        (TRACKING if name in TRACKING else DIRECT).check(f"{where}.params", name, self.params)
+        if name in TRACKING and not (self.sigma and self.sigma > 0):
+            raise InputError(
+                "a tracking term needs a sigma", where=f"{where}.sigma", got=self.sigma, expected="a positive number"
+            )
 
 
 @dataclass(frozen=True)
 class CurriculumSettings:
-    """A value that moves by ``factor`` per step between bounds while the driver allows it.
+    """A value that moves by ``factor`` per step between bounds while the driver (:mod:`train.mdp.drivers`) allows it.
 
-    ``driver``: ``always`` (one way), ``episode_length`` (mean length in steps of the last 10,000 episodes) or
-    ``survival`` (chance to survive the whole clip at the present rates of failures). Above ``harder_above`` the value
-    moves towards ``hard``; below ``easier_below`` back towards ``easy``.
+    Above ``harder_above`` the value moves towards ``hard``; below ``easier_below`` back towards ``easy``.
     """
 
     start: float
     easy: float
     hard: float
     factor: float
-    driver: Literal["always", "episode_length", "survival"] = "always"
+    driver: str = "always"
     harder_above: float = 0.0
     easier_below: float = 0.0
 
     def check(self, where: str) -> None:
         """InputError unless this is a way from easy to hard."""
+        DRIVERS.check(f"{where}.driver", self.driver, {})
         for name in ("start", "easy", "hard", "factor"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
         within(f"{where}.start", self.start, *sorted((self.easy, self.hard)))
@@ -89,36 +113,44 @@ class StartSettings:
 
 
 @dataclass(frozen=True)
-class PushSettings:
-    """Horizontal pushes: a velocity drawn from ±velocity_m_s in x and y, every interval drawn from interval_s."""
+class ClipSettings:
+    """How the clip of an episode is drawn where there are several; see :class:`train.mdp.command.ClipSampler`.
 
-    velocity_m_s: float = 0.0
-    interval_s: tuple[float, float] = (5.0, 10.0)
+    ``floor``: share of episodes whose clip is drawn uniformly. ``cap``: by failure a clip gets at most so many times
+    the uniform share. ``set_aside``: names of clips that are never drawn. ``in_turn``: robot i tracks clip
+    i instead, and the first follows the last.
+    """
+
+    floor: float = 0.2
+    cap: float = 5.0
+    set_aside: tuple[str, ...] = ()
+    in_turn: bool = False
 
     def __post_init__(self) -> None:
-        at_least("environment.push.velocity_m_s", self.velocity_m_s, 0.0)
-        ordered("environment.push.interval_s", self.interval_s)
-        positive("environment.push.interval_s[0]", self.interval_s[0])
+        within("environment.clips.floor", self.floor, 0.0, 1.0)
+        positive("environment.clips.cap", self.cap)
 
 
 @dataclass(frozen=True)
 class TerminationSettings:
-    """Failure: tilt (norm of the horizontal projected gravity), distance of any point, pelvis height.
+    """Failure: ``terms`` with their parameters, of which any is enough; None: not this one.
 
     ``max_episode_s``: an episode that lasts so long is cut, which is no failure; what would come counts by its value.
     ``hold_s``: how long it goes on after the motion's end, in its last pose.
     """
 
-    tilt: float = 0.75
-    distance: bool = True
-    min_height_m: float = 0.0
+    terms: dict[str, dict[str, float] | None] = field(
+        default_factory=lambda: {"tilt": {"limit": 0.75}, "height": {"min_m": 0.0}, "distance": {}}
+    )
     max_episode_s: float = 20.0
     hold_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("tilt", "max_episode_s"):
-            positive(f"environment.termination.{name}", getattr(self, name))
-        at_least("environment.termination.hold_s", self.hold_s, 0.0)
+        where = "environment.termination"
+        for name, params in self.terms.items():
+            TERMINATIONS.check(f"{where}.terms.{name}", name, params or {})
+        positive(f"{where}.max_episode_s", self.max_episode_s)
+        at_least(f"{where}.hold_s", self.hold_s, 0.0)
 
 
 @dataclass(frozen=True)
@@ -133,6 +165,8 @@ class SimulationSettings:
 class EnvironmentSettings:
     """The environment section of the training configuration.
 
+    ``observations``: what the actor sees: the name of a layout, or terms in order.
+    ``critic``: what the critic sees, terms of :mod:`train.mdp.critic_terms` in order.
     ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too, and through
     :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
@@ -144,6 +178,8 @@ class EnvironmentSettings:
     error_limit_m: CurriculumSettings
     penalty_scale: CurriculumSettings
     randomization_scale: CurriculumSettings
+    observations: str | tuple[ObservationTerm, ...] = "pbhc"
+    critic: tuple[str, ...] = CRITIC
     sigma_alpha: float = 1e-3
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
@@ -152,51 +188,62 @@ class EnvironmentSettings:
     penalty_step_max: float | None = None
     anchor_time_s: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
-    push: PushSettings = field(default_factory=PushSettings)
+    clips: ClipSettings = field(default_factory=ClipSettings)
+    events: dict[str, EventTerm] = field(default_factory=dict)
     termination: TerminationSettings = field(default_factory=TerminationSettings)
     randomization: DomainRanges = field(default_factory=DomainRanges)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
 
     def __post_init__(self) -> None:
-        known = TRACKING.keys() | DIRECT.keys()
         for name, term in self.rewards.items():
-            if name not in known:
-                raise InputError("unknown reward term", where=f"environment.rewards.{name}", expected=sorted(known))
-            if name in TRACKING and not (term.sigma and term.sigma > 0):
-                raise InputError(
-                    "a tracking term needs a sigma", where=f"environment.rewards.{name}.sigma", got=term.sigma,
-                    expected="a positive number",
-                )  # fmt: skip
+            term.check(f"environment.rewards.{name}", name)
         if not self.rewards:
             raise InputError("no reward term", where="environment.rewards")
-        if not self.rewards.keys() & TRACKING.keys():
-            raise InputError("no tracking term", where="environment.rewards", expected=sorted(TRACKING))
+        if not any(name in TRACKING for name in self.rewards):
+            raise InputError("no tracking term", where="environment.rewards", expected=TRACKING.names)
+        for name, event in self.events.items():
+            event.check(f"environment.events.{name}", name)
         at_least("environment.simulation.substeps", self.simulation.substeps, 1)
-        for name, noise in self.observation_noise.items():
-            if name not in OBSERVATION_TERMS:
-                raise InputError(
-                    "unknown observation term", where=f"environment.observation_noise.{name}",
-                    expected=sorted(OBSERVATION_TERMS),
-                )  # fmt: skip
-            at_least(f"environment.observation_noise.{name}", noise, 0.0)
         for name in ("error_limit_m", "penalty_scale", "randomization_scale"):
             getattr(self, name).check(f"environment.{name}")
         for name in ("easy", "hard"):
             within(f"environment.randomization_scale.{name}", getattr(self.randomization_scale, name), 0.0, 1.0)
         within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
         positive("environment.torque_soft_factor", self.torque_soft_factor)
-        lags = self.older_ticks()
-        rising = all(a < b for a, b in itertools.pairwise((4, *lags, MAX_LAG + 1)))
+        for name in ("penalty_step_max", "anchor_time_s"):
+            if getattr(self, name) is not None:
+                positive(f"environment.{name}", getattr(self, name))
+        self._check_observations()
+
+    def _check_observations(self) -> None:
+        for name, noise in self.observation_noise.items():
+            where = f"environment.observation_noise.{name}"
+            if name not in OBSERVATION_TERMS:
+                raise InputError("unknown observation term", where=where, expected=sorted(OBSERVATION_TERMS))
+            at_least(where, noise, 0.0)
+        for name in self.critic:
+            CRITIC_TERMS.check(f"environment.critic.{name}", name, {})
+        if not self.critic:
+            raise InputError("no term", where="environment.critic", expected=CRITIC_TERMS.names)
+        rising = all(a < b for a, b in itertools.pairwise((4, *self.older_ticks(), MAX_LAG + 1)))
         if not rising or not all(self.older_lags):
             raise InputError(
                 "unusable lags", where="environment.older_lags", got=[list(block) for block in self.older_lags],
                 expected=f"blocks of ticks from 5 to {MAX_LAG}, rising from one to the next",
             )  # fmt: skip
-        if self.penalty_step_max is not None:
-            positive("environment.penalty_step_max", self.penalty_step_max)
-        if self.anchor_time_s is not None:
-            positive("environment.anchor_time_s", self.anchor_time_s)
+        if isinstance(self.observations, str) and self.observations not in LAYOUTS:
+            where = "environment.observations"
+            raise InputError("unknown layout", where=where, got=self.observations, expected=", ".join(LAYOUTS))
+        check_terms(self.actor_group(), "environment.observations")
 
     def older_ticks(self) -> tuple[int, ...]:
         """All of ``older_lags``, in order."""
         return tuple(itertools.chain.from_iterable(self.older_lags))
+
+    def actor_group(self) -> ObservationGroup:
+        """The layout of the actor's observation."""
+        if not isinstance(self.observations, str):
+            return ObservationGroup("actor_obs", self.observations)
+        return (
+            window_actor_group() if self.observations == "window" else pbhc_actor_group(older_lags=self.older_ticks())
+        )

@@ -1,12 +1,14 @@
 """Where episodes begin: reference state initialisation, with more starts before the places where robots fail."""
 
+from collections.abc import Sequence
+
 import torch
 
 from core.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse
+from train.mdp.draws import choice, normal, rand, uniform
 from train.mdp.failures import BIN_TICKS
 from train.mdp.settings import StartSettings
 from train.mdp.tick import ReferenceRows, ReferenceTable
-from train.simulation.domain import uniform
 
 # No phase is left out.
 MIN_WEIGHT = 0.02
@@ -39,10 +41,10 @@ class StartSampler:
         """
         count, settings = len(clip), self._settings
         last = self._num_ticks[clip]
-        kind = torch.rand(count, generator=self._generator)
-        tick = (torch.rand(count, generator=self._generator) * last).long()
-        chosen = torch.multinomial(failing[clip] + MIN_WEIGHT, 1, generator=self._generator)[:, 0]
-        inside = (torch.rand(count, generator=self._generator) * BIN_TICKS).long()
+        kind = self._rand(count)
+        tick = (self._rand(count) * last).long()
+        chosen = choice(failing[clip] + MIN_WEIGHT, self._generator)
+        inside = (self._rand(count) * BIN_TICKS).long()
         weighted = torch.minimum(chosen * BIN_TICKS + inside, last - 1)
         from_first = kind < settings.first_frame
         by_failure = ~from_first & (kind < settings.first_frame + settings.by_failure)
@@ -60,7 +62,7 @@ class StartSampler:
         if s.first_frame_at_rest:
             qvel = qvel * (~first_frame).float()[:, None]
         if self._recovery is not None:
-            away = torch.rand(len(qpos), 1, generator=self._generator) < s.recovery.share
+            away = self._rand(len(qpos), 1) < s.recovery.share
             elsewhere = self._elsewhere(self._recovery, qpos[:, :2])
             qpos, qvel = (torch.where(away, there, here) for there, here in zip(elsewhere, (qpos, qvel), strict=True))
         tilt = quat_from_rotvec(self._normal((len(qpos), 3), s.tilt_noise_rad))
@@ -70,15 +72,19 @@ class StartSampler:
 
     def _elsewhere(self, motions: ReferenceTable, place_m: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """States of any frames of ``motions``, moved to ``place_m`` (n, 2)."""
-        clip = (torch.rand(len(place_m), generator=self._generator) * len(motions.num_ticks)).long()
-        tick = (torch.rand(len(place_m), generator=self._generator) * motions.num_ticks[clip]).long()
+        clip = (self._rand(len(place_m)) * len(motions.num_ticks)).long()
+        tick = (self._rand(len(place_m)) * motions.num_ticks[clip]).long()
         qpos, qvel = _lifted(motions.rows(clip, tick))
         qpos[:, :2] = place_m
-        qvel[:, :2] += uniform((len(place_m), 2), -1.0, 1.0, self._generator) * self._settings.recovery.velocity_m_s
+        speed = uniform((len(place_m), 2), -1.0, 1.0, self._generator, place_m.device)
+        qvel[:, :2] += speed * self._settings.recovery.velocity_m_s
         return qpos, qvel
 
-    def _normal(self, shape: tuple[int, ...] | torch.Size, std: float) -> torch.Tensor:
-        return std * torch.randn(shape, generator=self._generator)
+    def _rand(self, *shape: int) -> torch.Tensor:
+        return rand(shape, self._generator, self._num_ticks.device)
+
+    def _normal(self, shape: Sequence[int], std: float) -> torch.Tensor:
+        return normal(shape, std, self._generator, self._num_ticks.device)
 
 
 def _lifted(rows: ReferenceRows) -> tuple[torch.Tensor, torch.Tensor]:

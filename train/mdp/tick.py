@@ -1,18 +1,20 @@
 """Everything that a reward, a termination or an observation may look at after one control step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from motion.reference import Reference
+from policy.reference import ReferenceWindow
 from robot.robot import Robot
+from train.batch import Batch, Device
 from train.simulation.simulator import PhysicsState
 
 
 @dataclass(frozen=True)
-class ReferenceRows:
+class ReferenceRows(Batch):
     """The reference at one tick per environment; the shapes of :class:`motion.reference.Reference` with B rows."""
 
     joint_pos_rad: torch.Tensor
@@ -30,7 +32,8 @@ class ReferenceRows:
     lift_m: torch.Tensor
 
 
-class Bodies(NamedTuple):
+@dataclass(frozen=True)
+class Bodies(Batch):
     """World poses and velocities of the tracked points: (B, 27, 3), (B, 27, 4), (B, 27, 3), (B, 27, 3)."""
 
     pos_w: torch.Tensor
@@ -45,15 +48,18 @@ class ReferenceTable:
     Args:
         references: one per clip; environments carry a clip index and a tick.
         lift_m: per clip (K+1,), how far a start state is raised so that its lowest sole corner touches the ground.
+        device: where the table is.
     """
 
-    def __init__(self, references: list[Reference], lift_m: list[torch.Tensor]) -> None:
-        self.num_ticks = torch.tensor([reference.num_ticks for reference in references])
+    def __init__(self, references: Sequence[Reference], lift_m: Sequence[np.ndarray], device: Device) -> None:
+        self.num_ticks = torch.tensor([reference.num_ticks for reference in references], device=device)
         lengths = self.num_ticks + 2
         self._first_row = torch.cumsum(lengths, 0) - lengths
         names = [name for name in ReferenceRows.__dataclass_fields__ if name != "lift_m"]
-        parts = {name: [getattr(reference, name) for reference in references] for name in names} | {"lift_m": lift_m}
-        columns = {name: torch.cat([_held(name, part) for part in values]) for name, values in parts.items()}
+        parts = {name: [getattr(reference, name) for reference in references] for name in names} | {
+            "lift_m": list(lift_m)
+        }
+        columns = {name: torch.cat([_held(name, part, device) for part in values]) for name, values in parts.items()}
         self._shapes = {name: column.shape[1:] for name, column in columns.items()}
         self._table = torch.cat([column.reshape(len(column), -1) for column in columns.values()], dim=1)
 
@@ -65,10 +71,23 @@ class ReferenceTable:
         parts = row.split(sizes, dim=1)
         return ReferenceRows(*(part.reshape(-1, *shape) for part, shape in zip(parts, self._shapes.values())))
 
+    def window(self, clip: torch.Tensor, tick: torch.Tensor, ticks: tuple[int, ...]) -> ReferenceWindow:
+        """Joints and root (B, K, ...) of clips (B,) so many ticks ahead of ticks (B,), as :meth:`rows` has them."""
+        wanted = tick[:, None] + torch.tensor(ticks, device=tick.device)
+        index = self._first_row[clip][:, None] + torch.minimum(wanted, self.num_ticks[clip][:, None] + 1)
+        sizes = [self._shapes[name].numel() for name in _WINDOW]
+        parts = self._table[:, : sum(sizes)][index].split(sizes, dim=-1)
+        joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel = parts
+        return ReferenceWindow(ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel)
 
-def _held(name: str, values: np.ndarray | torch.Tensor) -> torch.Tensor:
+
+# The first columns of the table.
+_WINDOW = ("joint_pos_rad", "joint_vel_rad_s", "root_pos_w", "root_quat_wxyz", "root_lin_vel_w", "root_ang_vel_w")
+
+
+def _held(name: str, values: np.ndarray, device: Device) -> torch.Tensor:
     """A column (K+1, ...) and one row more: the last one again, without its velocities."""
-    column = torch.tensor(np.asarray(values)).float()
+    column = torch.tensor(values, device=device).float()
     last = torch.zeros_like(column[-1:]) if "_vel_" in name else column[-1:]
     return torch.cat([column, last])
 
@@ -90,15 +109,15 @@ class RobotLimits:
     feet: torch.Tensor
 
     @classmethod
-    def of(cls, robot: Robot, *, torque_factor: float) -> "RobotLimits":
+    def of(cls, robot: Robot, *, torque_factor: float, device: Device) -> "RobotLimits":
         """Collect the soft limits of ``robot``; torque is limited at ``torque_factor`` of the hard limit."""
         lower, upper = robot.soft_pos_limits_rad()
 
         def tensor(values: object) -> torch.Tensor:
-            return torch.tensor(values).float()
+            return torch.tensor(values, device=device).float()
 
         def points(names: tuple[str, ...]) -> torch.Tensor:
-            return torch.as_tensor(robot.tracked_index(names))
+            return torch.as_tensor(robot.tracked_index(names), device=device)
 
         return cls(
             pos_lower_rad=tensor(lower),
@@ -129,6 +148,7 @@ class Tick:
         first_contact: (B, 2) whether that contact is new.
         air_time_s: (B, 2) time in the air up to this step.
         acceleration_error_m: (B, 27, 3) second difference over control steps of the points' position errors.
+        error_limit_m: how far a point may be from its reference now.
         terminated: (B,) whether the episode has failed in this step.
         limits: the robot's soft limits.
     """
@@ -143,5 +163,6 @@ class Tick:
     first_contact: torch.Tensor
     air_time_s: torch.Tensor
     acceleration_error_m: torch.Tensor
+    error_limit_m: float
     terminated: torch.Tensor
     limits: RobotLimits

@@ -1,33 +1,34 @@
-"""The motion tracking environment (PBHC): one clip per environment, one step per control period."""
+"""The motion tracking environment (PBHC): many robots, one step per control period."""
 
-from collections.abc import Iterable
-from operator import attrgetter
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
 
-from core.rotations import projected_gravity, quat_rotate
+from policy.spec import ObservationGroup
 from robot.robot import Robot
+from train.batch import Device
 from train.interface import StepResult
-from train.mdp.adaptive_sigma import AdaptiveSigma
-from train.mdp.anchor import Anchor
+from train.mdp.command import Command
+from train.mdp.critic import Critic
 from train.mdp.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage
 from train.mdp.divergence import without_diverged
-from train.mdp.failures import FailureRates
-from train.mdp.observations import Observations, domain_view, reference_view
-from train.mdp.pushes import Pushes
-from train.mdp.rewards import DIRECT, TRACKING
+from train.mdp.drivers import Figures
+from train.mdp.events import Events
+from train.mdp.observations import Observations
+from train.mdp.physics import Physics
+from train.mdp.reward_sum import RewardSum
 from train.mdp.settings import EnvironmentSettings
-from train.mdp.starts import StartSampler
-from train.mdp.tick import Bodies, ReferenceRows, ReferenceTable, RobotLimits, Tick
-from train.mdp.tracking_log import TrackingLog, tracking_errors
-from train.phase_basis import num_knots, phase_hats
-from train.simulation.simulator import PhysicsState, Simulator
+from train.mdp.state import EnvState
+from train.mdp.terminations import TERMINATIONS
+from train.mdp.tick import RobotLimits, Tick
+from train.mdp.tracking_log import LengthRatio, tracking_errors
+from train.simulation.simulator import Simulator
 
 CONTROL_PERIOD_S = 0.02
 ACTION_SCALE = 0.25
 ACTION_CLIP = 100.0
-OBSERVATION_CLIP = 100.0
 CONTACT_FORCE_N = 1.0
 RANDOMIZATION_STEP = 0.02
 
@@ -37,261 +38,241 @@ class TrackingEnv:
 
     Args:
         robot: the robot.
-        table: the references.
+        command: what they track.
         simulator: the physics.
         settings: terms, weights, curricula.
         generator: source of what each step draws, outside physics.
         episodes: source of what each episode draws, outside physics. Another one, so that episodes which end here or
             there leave the steps' draws as they are (:class:`train.mdp.paired.PairedEnv`).
-        recovery: motions of ``settings.start.recovery``, where there are any.
+        device: where the tensors are; the simulator keeps its own.
     """
 
     def __init__(
         self,
         robot: Robot,
-        table: ReferenceTable,
+        command: Command,
         simulator: Simulator,
         settings: EnvironmentSettings,
         generator: torch.Generator,
         episodes: torch.Generator,
-        recovery: ReferenceTable | None = None,
+        device: Device,
     ) -> None:
-        self.num_envs, self.num_actions = simulator.num_envs, robot.num_joints
-        self.reward_names = tuple(settings.rewards)
-        self.settings, self.simulator, self._table, self._generator = settings, simulator, table, generator
-        self.num_ticks = table.num_ticks
-        self._episodes = episodes
+        s = settings
+        self.num_envs, self.num_actions, self.device = simulator.num_envs, robot.num_joints, torch.device(device)
+        self.settings, self.simulator, self.command = settings, simulator, command
+        self._generator, self._episodes = generator, episodes
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
-        self._kinematics = robot.kinematics
-        self.most_steps = round(settings.termination.max_episode_s / CONTROL_PERIOD_S)
-        self.last_tick = table.num_ticks + round(settings.termination.hold_s / CONTROL_PERIOD_S)
-        self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
-        self.phase_knots = (
-            num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
-        )
-        self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
-        self.failures = FailureRates(table.num_ticks)
-        self.starts = StartSampler(settings.start, table.num_ticks, episodes, recovery)
-        self._allocate(robot)
-        self._physics = simulator.state()
-        self._bodies = self._forward(self._physics)
-        self.position_error_m, self.error_change_m = (torch.zeros_like(self._bodies.pos_w) for _ in range(2))
-        self._target = self._next_target()
+        self._physics = Physics(simulator, robot, device)
+        self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
+        self._torque_limit = torch.tensor(robot.torque_limit_nm, device=device).float()
+        self.observations = Observations(robot, s.actor_group(), s.observation_noise, device)
+        self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
+        self.rewards = RewardSum(
+            s.rewards, sigma_alpha=s.sigma_alpha, adaptive=s.adaptive_sigma, step_max=s.penalty_step_max,
+            dt_s=CONTROL_PERIOD_S, device=device,
+        )  # fmt: skip
+        self.reward_names = self.rewards.names
+        self._terminations = [
+            TERMINATIONS.bound(name, params) for name, params in s.termination.terms.items() if params is not None
+        ]
+        self.critic = Critic(s, command, self.observations, self._physics, CONTROL_PERIOD_S)
+        self.phase_knots = self.critic.phase_knots
+        self.curricula = {name: Curriculum(getattr(s, name)) for name in _CURRICULA}
+        self.average, self.uniform_average, self._length_ratio = EpisodeAverage(), EpisodeAverage(), LengthRatio()
+        self._everyone = torch.arange(self.num_envs, device=self.device)
+        self.state = self._first_state()
         observations = self.reset()
         self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
 
-    def _allocate(self, robot: Robot) -> None:
-        s, envs = self.settings, self.num_envs
-        self.observations = Observations(robot, envs, s.observation_noise, s.older_ticks())
-        self.pushes = Pushes(s.push, envs, CONTROL_PERIOD_S, self._generator)
-        self.anchor = Anchor(envs, s.anchor_time_s, CONTROL_PERIOD_S)
-        tracking = [name for name in self.reward_names if name in TRACKING]
-        self.sigma = AdaptiveSigma(
-            {name: float(s.rewards[name].sigma or 0.0) for name in tracking}, s.sigma_alpha, adaptive=s.adaptive_sigma
+    def _first_state(self) -> EnvState:
+        envs, device = self.num_envs, self.device
+        clip, tick, start_tick, steps = (torch.zeros(envs, dtype=torch.long, device=device) for _ in range(4))
+        physics = self._physics.state()
+        bodies = self._physics.bodies(physics)
+        return EnvState(
+            clip=clip,
+            tick=tick,
+            start_tick=start_tick,
+            episode_steps=steps,
+            uniform_start=torch.zeros(envs, dtype=torch.bool, device=device),
+            last_action=torch.zeros(envs, self.num_actions, device=device),
+            air_time_s=torch.zeros(envs, 2, device=device),
+            position_error_m=torch.zeros_like(bodies.pos_w),
+            error_change_m=torch.zeros_like(bodies.pos_w),
+            **dict(zip(("actor_history", "critic_history"), self.observations.histories(envs), strict=True)),
+            event_wait_s=self.events.first_waits(envs),
+            place=self.command.anchor.at_start(envs),
+            physics=physics,
+            bodies=bodies,
+            target=self.command.table.rows(clip, tick + 1),
         )
-        self.error_limit = Curriculum(s.error_limit_m)
-        self.penalty_scale = Curriculum(s.penalty_scale)
-        self.randomization = Curriculum(s.randomization_scale)
-        self.average, self.uniform_average = EpisodeAverage(), EpisodeAverage()
-        self._log = TrackingLog()
-        self._tracking_index = torch.tensor([self.reward_names.index(name) for name in tracking])
-        self._direct = [(i, name) for i, name in enumerate(self.reward_names) if name in DIRECT]
-        self._weight = torch.tensor([s.rewards[name].weight for name in self.reward_names]) * CONTROL_PERIOD_S
-        self._in_curriculum = torch.tensor([s.rewards[name].curriculum for name in self.reward_names])
-        self.clip = torch.arange(envs) % len(self._table.num_ticks)
-        self.tick, self.start_tick, self.episode_steps = (torch.zeros(envs, dtype=torch.long) for _ in range(3))
-        self.uniform_start, self.diverged = (torch.zeros(envs, dtype=torch.bool) for _ in range(2))
-        self.last_action = torch.zeros(envs, self.num_actions)
-        self.air_time_s = torch.zeros(envs, 2)
+
+    @property
+    def layout(self) -> dict[str, Mapping[str, slice]]:
+        """Where what lies in the observations: group → term[lag] of the actor, or term of the critic → columns."""
+        return {"actor": self.observations.layout, "critic": self.critic.layout}
+
+    @property
+    def actor_group(self) -> ObservationGroup:
+        """The layout of the actor's observation, as its file will state it."""
+        return self.observations.group
 
     def reset(self) -> dict[str, torch.Tensor]:
         """Begin a new episode in every environment; return its observations."""
-        self._reset(torch.arange(self.num_envs))
+        self._reset(self._everyone)
         return self._observe()
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance by one control period with raw actions (B, J). NonFiniteError if the physics of many diverges."""
-        self.pushes.apply(self.simulator, self.simulator.randomization)
+        state = self.state
+        self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
         targets = self.limits.default_pos_rad + ACTION_SCALE * action.clamp(-ACTION_CLIP, ACTION_CLIP)
-        self.simulator.step(targets)
-        self.tick += 1
-        self.episode_steps += 1
+        self._physics.step(targets)
+        state.tick += 1
+        state.episode_steps += 1
         t = self._after_physics(action, targets)
-        rewards = self._rewards(t)
-        timed_out = self._timed_out(t)
+        rewards = self.rewards.of(t, self.curricula["penalty_scale"].value)
+        timed_out = self.command.is_over(state) & ~t.terminated
         ended = t.terminated | timed_out
         self.last_errors = tracking_errors(t)
         self._keep(t)
-        self._update_curricula(t, ended)
-        log = self._log.step(self)
-        final_critic_obs = self._critic(timed_out.nonzero()[:, 0])
+        self._update_curricula(t.terminated, ended)
+        log = self._log()
+        final_critic_obs = self.critic.view(state, timed_out.nonzero()[:, 0])
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
     def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
-        physics, self.diverged = without_diverged(self.simulator.state(), self._physics)
-        bodies = self._forward(physics)
-        reference = self._target
+        state = self.state
+        physics, self.diverged = without_diverged(self._physics.state(), state.physics)
+        bodies = self._physics.bodies(physics)
         torque = self.limits.kp * (targets - physics.joint_pos_rad) - self.limits.kd * physics.joint_vel_rad_s
         contact = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
-        air_time_s = self.air_time_s + CONTROL_PERIOD_S
-        return Tick(
+        t = Tick(
             physics=physics,
             bodies=bodies,
-            reference=reference,
+            reference=state.target,
             action=action,
-            last_action=self.last_action,
+            last_action=state.last_action,
             torque_nm=torch.clamp(torque, -self._torque_limit, self._torque_limit),
             contact=contact,
-            first_contact=contact & (self.air_time_s > 0.0),
-            air_time_s=air_time_s,
-            acceleration_error_m=bodies.pos_w - reference.body_pos_w - self.position_error_m - self.error_change_m,
-            terminated=self._failed(physics, bodies, reference) | self.diverged,
+            first_contact=contact & (state.air_time_s > 0.0),
+            air_time_s=state.air_time_s + CONTROL_PERIOD_S,
+            acceleration_error_m=(
+                bodies.pos_w - state.target.body_pos_w - state.position_error_m - state.error_change_m
+            ),
+            error_limit_m=self.curricula["error_limit_m"].value,
+            terminated=self.diverged,
             limits=self.limits,
         )
-
-    def _forward(self, physics: PhysicsState) -> Bodies:
-        """By numpy, whose operations on a few hundred robots start in half of torch's time."""
-        ang_vel_w = quat_rotate(physics.root_quat_wxyz, physics.root_ang_vel_b)
-        state = self._kinematics.forward(
-            physics.root_pos_w.numpy(),
-            physics.root_quat_wxyz.numpy(),
-            physics.joint_pos_rad.numpy(),
-            physics.root_lin_vel_w.numpy(),
-            ang_vel_w.numpy(),
-            physics.joint_vel_rad_s.numpy(),
-        )
-        return Bodies(*map(torch.from_numpy, state))
-
-    def _failed(self, physics: PhysicsState, bodies: Bodies, reference: ReferenceRows) -> torch.Tensor:
-        rule = self.settings.termination
-        failed = projected_gravity(physics.root_quat_wxyz)[:, :2].norm(dim=1) > rule.tilt
-        failed |= physics.root_pos_w[:, 2] < rule.min_height_m
-        if rule.distance:
-            distance = (bodies.pos_w - reference.body_pos_w).norm(dim=-1).amax(dim=1)
-            failed |= distance > self.error_limit.value
-        return failed
-
-    def _rewards(self, t: Tick) -> torch.Tensor:
-        values = torch.empty(self.num_envs, len(self.reward_names))
-        errors = torch.stack([TRACKING[name](t) for name in self.sigma.names], dim=1)
-        values[:, self._tracking_index] = self.sigma.reward(errors)
-        self.sigma.update(errors)
-        for column, name in self._direct:
-            values[:, column] = DIRECT[name](t)
-        rewards = values * torch.where(self._in_curriculum, self._weight * self.penalty_scale.value, self._weight)
-        if self.settings.penalty_step_max is None:
-            return rewards
-        return torch.where(self._in_curriculum, rewards.clamp(min=-self.settings.penalty_step_max), rewards)
-
-    def _timed_out(self, t: Tick) -> torch.Tensor:
-        over = (self.tick >= self.last_tick[self.clip]) | (self.episode_steps >= self.most_steps)
-        return over & ~t.terminated
+        failed = torch.stack([self.diverged, *(term(t) for term in self._terminations)])
+        return replace(t, terminated=failed.any(dim=0))
 
     def _keep(self, t: Tick) -> None:
         """Hand what the next step starts from over to it."""
-        self.last_action = t.action.clone()
-        self.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
+        state = self.state
+        state.last_action = t.action.clone()
+        state.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
         position_error_m = t.bodies.pos_w - t.reference.body_pos_w
-        self.error_change_m = position_error_m - self.position_error_m
-        self.position_error_m = position_error_m
-        self._physics, self._bodies = t.physics, t.bodies
-        self.anchor.follow(t.physics.root_pos_w, t.physics.root_quat_wxyz, t.reference)
-        self._target = self._next_target()
-        self.observations.push(*self._sample(t.physics, t.action, t.reference.phase, self._generator))
+        state.error_change_m = position_error_m - state.position_error_m
+        state.position_error_m = position_error_m
+        state.physics, state.bodies = t.physics, t.bodies
+        root = t.physics.root_pos_w, t.physics.root_quat_wxyz
+        state.place = self.command.anchor.followed(state.place, *root, t.reference)
+        state.target = self.command.next_target(state)
+        self.observations.push(state, *self._sample(self._everyone, t.reference.phase, self._generator))
 
-    def _next_target(self) -> ReferenceRows:
-        return self.anchor.moved(self._table.rows(self.clip, self.tick + 1))
+    def _update_curricula(self, failed: torch.Tensor, ended: torch.Tensor) -> None:
+        state, command = self.state, self.command
+        self._length_ratio.update(command.length_ratio(state)[ended])
+        self.average.update(state.episode_steps[ended], ~failed[ended], window=AVERAGED_EPISODES)
+        uniform = ended & state.uniform_start
+        self.uniform_average.update(state.episode_steps[uniform], ~failed[uniform], window=self.num_envs)
+        command.update(state, failed, ended, self.last_errors["empbpe_mm"])
+        self.survival_chance = float(command.failures.survival().mean())
+        for curriculum in self.curricula.values():
+            curriculum.update(Figures(self.average.length, self.survival_chance))
 
-    def _update_curricula(self, t: Tick, ended: torch.Tensor) -> None:
-        self._log.episodes(self, ended)
-        survived = ~t.terminated
-        self.average.update(self.episode_steps[ended], survived[ended], window=AVERAGED_EPISODES)
-        uniform = ended & self.uniform_start
-        self.uniform_average.update(self.episode_steps[uniform], survived[uniform], window=self.num_envs)
-        self.failures.update(self.clip, self.tick, t.terminated)
-        self.survival_chance = self.failures.survival()
-        for curriculum in (self.error_limit, self.penalty_scale, self.randomization):
-            curriculum.update(length=self.average.length, survival=self.survival_chance)
+    def _log(self) -> dict[str, float]:
+        """Of this step, over all environments."""
+        return {
+            **{name: float(values.mean()) for name, values in self.last_errors.items()},
+            "diverged": float(self.diverged.float().mean()),
+            "episode_length_ratio": self._length_ratio.value,
+            "survival_of_uniform_starts": self.uniform_average.survival,
+            "survival_chance": self.survival_chance,
+            **{name: self.curricula[name].value for name in ("error_limit_m", "penalty_scale")},
+            "randomization": self.simulator.randomization,
+            **{f"sigma/{name}": float(v) for name, v in zip(self.rewards.sigma.names, self.rewards.sigma.sigma)},
+        }
+
+    def figures(self) -> dict[str, float]:
+        """What is known of each clip; see :meth:`train.mdp.command.Command.figures`."""
+        return self.command.figures()
 
     def _reset(self, env_ids: torch.Tensor) -> None:
         if len(env_ids) == 0:
             return
-        clip = self.clip[env_ids]
-        tick, uniform = self.starts.draw(clip, self.failures.ahead())
-        rows = self._table.rows(clip, tick)
-        self.simulator.reset(env_ids, *self.starts.state(rows, tick == 0))
-        self.tick[env_ids], self.start_tick[env_ids], self.uniform_start[env_ids] = tick, tick, uniform
-        self.episode_steps[env_ids] = 0
-        self.last_action[env_ids] = 0.0
-        self.air_time_s[env_ids] = 0.0
-        self.anchor.restart(env_ids)
-        self._physics = self.simulator.state()
-        fresh = PhysicsState(*(value[env_ids] for value in vars(self._physics).values()))
-        bodies = self._forward(fresh)
-        _write_rows(self._bodies, env_ids, bodies)
-        self.position_error_m[env_ids] = bodies.pos_w - rows.body_pos_w
-        self.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - rows.body_lin_vel_w)
-        _write_rows(vars(self._target).values(), env_ids, vars(self._table.rows(clip, tick + 1)).values())
-        self.observations.restart(env_ids, *self._sample(fresh, self.last_action[env_ids], rows.phase, self._episodes))
+        state, start = self.state, self.command.draw(env_ids)
+        self._physics.reset(env_ids, start.qpos, start.qvel)
+        self.command.begin(state, env_ids, start)
+        state.last_action[env_ids] = 0.0
+        state.air_time_s[env_ids] = 0.0
+        physics = self._physics.state().rows(env_ids)
+        bodies = self._physics.bodies(physics)
+        state.physics.write(env_ids, physics)
+        state.bodies.write(env_ids, bodies)
+        state.position_error_m[env_ids] = bodies.pos_w - start.rows.body_pos_w
+        state.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - start.rows.body_lin_vel_w)
+        self.observations.restart(state, env_ids, *self._sample(env_ids, start.rows.phase, self._episodes))
 
     def _sample(
-        self, physics: PhysicsState, last_action: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
+        self, rows: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Sensor noise grows with the randomisation."""
-        scale = self.simulator.randomization
-        return self.observations.sample(physics, last_action, phase, noise_scale=scale, generator=generator)
+        """Samples of the robots ``rows`` (n,). Sensor noise grows with the randomisation."""
+        state, scale = self.state, self.simulator.randomization
+        window = self.command.window(state, rows, self.observations.window_ticks)
+        return self.observations.sample(
+            state.physics.rows(rows), state.last_action[rows], phase, window, noise_scale=scale, generator=generator
+        )
 
     def _observe(self) -> dict[str, torch.Tensor]:
-        return {"actor": self.observations.actor(), "critic": self._critic(torch.arange(self.num_envs))}
-
-    def _critic(self, rows: torch.Tensor) -> torch.Tensor:
-        physics = PhysicsState(*(value[rows] for value in vars(self._physics).values()))
-        bodies = Bodies(*(value[rows] for value in self._bodies))
-        return torch.cat(
-            [
-                self.observations.critic_history[rows].flatten(1),
-                reference_view(physics, bodies, self._target.body_pos_w[rows]),
-                domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
-                phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self.phase_knots),
-            ],
-            dim=1,
-        ).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)
+        state = self.state
+        return {
+            "actor": self.observations.actor(state.actor_history),
+            "critic": self.critic.view(state, self._everyone),
+        }
 
     def finish_iteration(self) -> None:
         """Apply what changes between iterations only, as it touches every model: the width of the randomisation."""
-        wanted, hard = self.randomization.value, self.settings.randomization_scale.hard
+        wanted, hard = self.curricula["randomization_scale"].value, self.settings.randomization_scale.hard
         step = abs(wanted - self.simulator.randomization)
         if step >= RANDOMIZATION_STEP or (step > 0.0 and wanted == hard):
             self.simulator.set_randomization(wanted)
-            self.sigma.restart()
+            self.rewards.sigma.restart()
 
     def follow(self, leader: "TrackingEnv", rows: torch.Tensor) -> None:
         """Take the robots of ``rows`` (B,) bool to where ``leader``'s are, and all that is nobody's own with them."""
-        for own, its in zip(self._robots(), leader._robots(), strict=True):
+        for own, its in zip(self.simulator.robots(), leader.simulator.robots(), strict=True):
             own[rows] = its[rows]
-        self._physics = self.simulator.state()
+        self.state.copy_rows(leader.state, rows)
         self._load_common(leader._common())
-
-    def _robots(self) -> list[torch.Tensor]:
-        """Tensors (B, ...) that hold a row for each robot; the present ones, no copies."""
-        return [*self.simulator.robots(), *map(self._buffer, _BUFFERS), *self._bodies, *vars(self._target).values()]
 
     def _common(self) -> dict[str, Any]:
         """What is nobody's own, as tensors and plain numbers."""
         return {
-            "sigma": self.sigma.state_dict(),
-            "failures": self.failures.state_dict(),
-            "curricula": {name: getattr(self, name).value for name in _CURRICULA},
+            "sigma": self.rewards.sigma.state_dict(),
+            "command": self.command.state_dict(),
+            "curricula": {name: curriculum.value for name, curriculum in self.curricula.items()},
             "averages": {name: dict(vars(getattr(self, name))) for name in _AVERAGES},
             "generators": [generator.get_state() for generator in self._generators],
         }
 
     def _load_common(self, state: dict[str, Any]) -> None:
-        self.sigma.load_state_dict(state["sigma"])
-        self.failures.load_state_dict(state["failures"])
-        for name in _CURRICULA:
-            getattr(self, name).value = state["curricula"][name]
+        self.rewards.sigma.load_state_dict(state["sigma"])
+        self.command.load_state_dict(state["command"])
+        for name, curriculum in self.curricula.items():
+            curriculum.value = state["curricula"][name]
         for name, values in state["averages"].items():
             vars(getattr(self, name)).update(values)
         for generator, value in zip(self._generators, state["generators"], strict=True):
@@ -299,36 +280,14 @@ class TrackingEnv:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs, as tensors and plain numbers."""
-        return self._common() | {
-            "simulator": self.simulator.state_dict(),
-            "buffers": {name: self._buffer(name).clone() for name in _BUFFERS},
-            "bodies": [value.clone() for value in self._bodies],
-        }
+        return {"simulator": self.simulator.state_dict(), "state": self.state.state_dict(), **self._common()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` returned."""
         self.simulator.load_state_dict(state["simulator"])
-        for name in _BUFFERS:
-            self._buffer(name).copy_(state["buffers"][name])
-        self._physics = self.simulator.state()
-        self._bodies = Bodies(*(value.clone() for value in state["bodies"]))
-        self._target = self._next_target()
+        self.state.load_state_dict(state["state"])
         self._load_common(state)
 
-    def _buffer(self, path: str) -> torch.Tensor:
-        return attrgetter(path)(self)
 
-
-_AVERAGES = ("average", "uniform_average", "_log")
-_CURRICULA = ("error_limit", "penalty_scale", "randomization")
-_BUFFERS = (
-    "clip", "tick", "start_tick", "episode_steps", "uniform_start", "last_action", "air_time_s",
-    "position_error_m", "error_change_m",
-    "observations.actor_history", "observations.critic_history", "pushes.wait_s",
-    "anchor.place_m", "anchor.heading_rad",
-)  # fmt: skip
-
-
-def _write_rows(tables: Iterable[torch.Tensor], rows: torch.Tensor, values: Iterable[torch.Tensor]) -> None:
-    for table, value in zip(tables, values):
-        table[rows] = value
+_AVERAGES = ("average", "uniform_average", "_length_ratio")
+_CURRICULA = ("error_limit_m", "penalty_scale", "randomization_scale")

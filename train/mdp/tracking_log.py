@@ -1,13 +1,10 @@
-"""Figures of the running training: errors in the units of the evaluation, episode lengths, tolerances."""
+"""Figures of the running training: errors in the units of the evaluation, and how long episodes last."""
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import torch
 
 from train.mdp.tick import Tick
-
-if TYPE_CHECKING:
-    from train.mdp.tracking import TrackingEnv
 
 EPISODE_MEMORY = 0.01
 
@@ -23,31 +20,14 @@ def tracking_errors(t: Tick) -> dict[str, torch.Tensor]:
     }
 
 
-class TrackingLog:
-    """Turns steps into named figures; episode figures are running means over about 100 episodes."""
+@dataclass
+class LengthRatio:
+    """Running mean, over about 100 episodes, of how much of what they could last they lasted."""
 
-    def __init__(self) -> None:
-        self.episode_length_ratio = 0.0
+    value: float = 0.0
 
-    def episodes(self, env: "TrackingEnv", ended: torch.Tensor) -> None:
-        """Take in the episodes that end in this step, before they are reset."""
-        if not ended.any():
-            return
-        possible = (env.last_tick[env.clip[ended]] - env.start_tick[ended]).clamp(max=env.most_steps)
-        ratio = float((env.episode_steps[ended] / possible).mean())
-        weight = 1.0 - (1.0 - EPISODE_MEMORY) ** int(ended.sum())
-        self.episode_length_ratio += weight * (ratio - self.episode_length_ratio)
-
-    def step(self, env: "TrackingEnv") -> dict[str, float]:
-        """Return the figures of this step, over all environments."""
-        return {
-            **{name: float(values.mean()) for name, values in env.last_errors.items()},
-            "diverged": float(env.diverged.float().mean()),
-            "episode_length_ratio": self.episode_length_ratio,
-            "survival_of_uniform_starts": env.uniform_average.survival,
-            "survival_chance": env.survival_chance,
-            "error_limit_m": env.error_limit.value,
-            "penalty_scale": env.penalty_scale.value,
-            "randomization": env.simulator.randomization,
-            **{f"sigma/{name}": float(value) for name, value in zip(env.sigma.names, env.sigma.sigma)},
-        }
+    def update(self, ratios: torch.Tensor) -> None:
+        """Take in the episodes that end in this step (n,)."""
+        if len(ratios):
+            weight = 1.0 - (1.0 - EPISODE_MEMORY) ** len(ratios)
+            self.value += weight * (float(ratios.mean()) - self.value)

@@ -17,7 +17,7 @@ from robot.robot import Robot
 from train.interface import Policy
 from train.mdp.evaluator import ERROR_WEIGHT, FALL_COST, whole_clip
 from train.mdp.factory import build_environment
-from train.mdp.settings import EnvironmentSettings, PushSettings, StartSettings
+from train.mdp.settings import EnvironmentSettings, StartSettings
 from train.phase_basis import num_knots, phase_hats
 from train.priors.module import BaseAction
 
@@ -56,7 +56,7 @@ class Trim:
         self._base, self._robot, self._reference = base, robot, reference
         self._num_envs, self._seed, self._threads = num_envs, seed, threads
         start = StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD)
-        self._settings = replace(whole_clip(settings, reference)["nominal"], start=start, push=PushSettings())
+        self._settings = replace(whole_clip(settings, reference)["nominal"], start=start, events={})
         self._knots = num_knots(reference.duration_s)
         self._ticks = range(EVERY_TICKS - 1, reference.num_ticks - 1, EVERY_TICKS)  # after the last one all is reset
 
@@ -106,7 +106,7 @@ class Trim:
             observations = result.observations["actor"]
             alive &= ~result.terminated
             if tick in self._ticks:
-                errors.append(env.position_error_m)
+                errors.append(env.state.position_error_m)
         return torch.stack(errors, dim=1), alive
 
 

@@ -66,7 +66,7 @@ def _head(record: Record) -> str:
     rows = [
         ("outcome", f"{record.outcome} after {last.get('iteration', 0)} iterations"),
         ("samples", f"{last.get('samples', 0) / 1e6:.2f} million in {_duration(wall_s)}"),
-        ("motion", str(record.document["motion"])),
+        ("motion", str(record.document["motion"] or record.document["motions"])),
         ("seed", str(record.document.get("seed", "unknown"))),
     ]
     if record.dumps:

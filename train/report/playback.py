@@ -15,7 +15,7 @@ from train.config import TrainConfig
 from train.folder import ACTOR_FILE, CLIP_FILE
 from train.mdp.evaluator import FALL_HEIGHT_SHARE
 from train.mdp.factory import build_environment
-from train.mdp.settings import CurriculumSettings, EnvironmentSettings, PushSettings, StartSettings, TerminationSettings
+from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 
 _SEED = 0
@@ -71,12 +71,13 @@ def _quiet(settings: EnvironmentSettings, reference: Reference) -> EnvironmentSe
         settings,
         randomization_scale=CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0),
         observation_noise={},
-        push=PushSettings(),
+        events={},
         start=StartSettings(first_frame=1.0),
         termination=TerminationSettings(
-            tilt=2.0,
-            distance=False,
-            min_height_m=FALL_HEIGHT_SHARE * float(reference.root_pos_w[0, 2]),
+            terms={
+                "tilt": {"limit": 2.0},
+                "height": {"min_m": FALL_HEIGHT_SHARE * float(reference.root_pos_w[0, 2])},
+            },
             max_episode_s=1e9,
         ),
     )

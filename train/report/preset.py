@@ -7,7 +7,7 @@ from typing import Any
 from core.errors import InputError
 from train.config import CONFIG_DIR, compose_document
 
-_OWN_KEYS = ("motion", "run_dir")
+_OWN_KEYS = ("motion", "motions", "run_dir")
 _ABSENT = "absent"
 
 
@@ -29,7 +29,7 @@ def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[Difference]]:
     found: list[tuple[str, list[Difference]]] = []
     for path in sorted((CONFIG_DIR / "train").glob("*.yaml")):
         try:
-            preset = compose_document([f"motion={document['motion']}", f"train={path.stem}"])
+            preset = compose_document(["motion=stand", f"train={path.stem}"])
         except InputError:
             continue
         found.append((path.stem, differences(preset, document)))

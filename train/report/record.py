@@ -38,7 +38,7 @@ class Record:
     @property
     def motion(self) -> str:
         """The clip's name."""
-        return Path(str(self.document["motion"])).stem
+        return Path(str(self.document["motion"] or self.document["motions"])).stem
 
     @property
     def outcome(self) -> str:

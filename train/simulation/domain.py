@@ -7,6 +7,7 @@ import torch
 
 from core.structured import at_least, ordered, positive, within
 from robot.robot import Robot
+from train.batch import Batch
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class DomainRanges:
 
 
 @dataclass(frozen=True)
-class Domain:
+class Domain(Batch):
     """One draw per environment: what its model is built from and what the critic is told.
 
     Shapes: friction (B,), sole_scale (B, P) with the points of both soles, kp_scale and kd_scale (B, J), mass_scale

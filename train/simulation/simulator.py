@@ -5,11 +5,12 @@ from typing import Protocol
 
 import torch
 
+from train.batch import Batch
 from train.simulation.domain import Domain
 
 
 @dataclass(frozen=True)
-class PhysicsState:
+class PhysicsState(Batch):
     """State of every environment after a control step. Float32 tensors, B environments, J joints.
 
     Attributes:

@@ -1,0 +1,49 @@
+"""What an environment carries from step to step."""
+
+from dataclasses import dataclass
+
+import torch
+
+from train.batch import Batch
+from train.mdp.anchor import Place
+from train.mdp.tick import Bodies, ReferenceRows
+from train.simulation.simulator import PhysicsState
+
+
+@dataclass
+class EnvState(Batch):
+    """One row for each of B robots, on one device. What the simulator keeps to itself is not in it.
+
+    Attributes:
+        clip: (B,) which clip is tracked.
+        tick: (B,) control tick of the clip that the robot has come to.
+        start_tick: (B,) where the episode began.
+        episode_steps: (B,) steps since.
+        uniform_start: (B,) bool, whether the start was drawn uniformly.
+        last_action: (B, J) raw.
+        air_time_s: (B, 2) of each foot.
+        position_error_m: (B, 27, 3) of the tracked points.
+        error_change_m: (B, 27, 3) since the step before.
+        actor_history, critic_history: (B, L, W) samples of the last ticks, newest first.
+        event_wait_s: (B, E) until each event.
+        place: where the references have been moved to.
+        physics, bodies: the robots now.
+        target: what the next step is compared with.
+    """
+
+    clip: torch.Tensor
+    tick: torch.Tensor
+    start_tick: torch.Tensor
+    episode_steps: torch.Tensor
+    uniform_start: torch.Tensor
+    last_action: torch.Tensor
+    air_time_s: torch.Tensor
+    position_error_m: torch.Tensor
+    error_change_m: torch.Tensor
+    actor_history: torch.Tensor
+    critic_history: torch.Tensor
+    event_wait_s: torch.Tensor
+    place: Place
+    physics: PhysicsState
+    bodies: Bodies
+    target: ReferenceRows
