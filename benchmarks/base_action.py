@@ -45,7 +45,7 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
     """Play ``steps`` control steps in every environment; return the figures."""
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)
-    reference = build_reference(open_motion(config.motion_name, robot), robot, CONTROL_PERIOD_S)
+    reference = build_reference(open_motion(str(config.motion), robot), robot, CONTROL_PERIOD_S)
 
     def progress(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
