@@ -19,7 +19,7 @@ ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
 
-class Link:
+class CanLink:
     """A bus by python-can's keywords. For one thread at a time. Every failure is a DeviceError naming the bus."""
 
     def __init__(self, name: str, arguments: dict[str, Any]) -> None:
