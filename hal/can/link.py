@@ -24,7 +24,7 @@ class CanLink:
 
     def __init__(self, name: str, arguments: dict[str, Any]) -> None:
         self.name, self.arguments = name, arguments
-        self.received = self.error_frames = 0
+        self.received = 0
         self._bus: can.BusABC | None = None
         self._echoes: Counter[tuple[int, bytes]] | None = None
 
@@ -91,7 +91,6 @@ class CanLink:
             if message is None:
                 return None
             if message.is_error_frame:
-                self.error_frames += 1
                 continue
             frame = Frame(
                 message.arbitration_id,
