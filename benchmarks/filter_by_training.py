@@ -24,7 +24,7 @@ try:
     from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
     from motion.clip import ARRAY_FIELDS, Clip, save_clip
     from motion.library import open_motion
-    from motion.pipeline import Request, process
+    from motion.pipeline import ProcessRequest, process
     from motion.report.record import TRACKABLE
     from robot.robot import load_robot
     from train.folder import METRICS_FILE, SUMMARY_FILE
@@ -86,7 +86,7 @@ class Row:
 
 def judged(file: Path, name: str, folder: Path) -> Row:
     """Process a file; the clip to train is the processed one, or the given one where it is rejected."""
-    record = process(Request(file, name), lambda line: None)
+    record = process(ProcessRequest(file, name), lambda line: None)
     trackable = record.verdict == TRACKABLE
     clip = record.clip if trackable else open_motion(file, load_robot())
     assert clip is not None

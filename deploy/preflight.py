@@ -29,7 +29,7 @@ class Check:
     found: str
 
 
-class Refused(DeviceError):
+class PreflightRefused(DeviceError):
     """The device is not fit to be energised."""
 
 
@@ -66,7 +66,7 @@ def require(checks: Sequence[Check], what: str = "preflight") -> None:
     """Raise Refused, naming what failed."""
     failed = [f"{check.what}: {check.found}" for check in checks if not check.passed]
     if failed:
-        raise Refused(f"{what} refused: {'; '.join(failed)}")
+        raise PreflightRefused(f"{what} refused: {'; '.join(failed)}")
 
 
 def _read_states(

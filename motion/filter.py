@@ -10,7 +10,7 @@ from motion.human.motion import HumanMotion
 from motion.physics_checks import com_cop_distance_m
 from motion.plausibility import FilterSettings, Finding
 from motion.settings import read_section
-from motion.track import Track, track_clip, track_human
+from motion.track import SupportTrack, track_clip, track_human
 from robot.robot import Robot
 
 _RULES = (
@@ -60,7 +60,7 @@ def judge(motion: HumanMotion | tuple[Clip, Robot], settings: FilterSettings | N
     return judge_track(track_clip(clip, robot, settings.max_joint_speed_factor), settings)
 
 
-def judge_track(track: Track, settings: FilterSettings) -> Verdict:
+def judge_track(track: SupportTrack, settings: FilterSettings) -> Verdict:
     """Verdict on the arrays alone."""
     distance_m = com_cop_distance_m(track.com_w, track.bearing_w)
     balance = plausibility.balance(track, distance_m, settings)

@@ -29,7 +29,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Request:
+class ProcessRequest:
     """What to make of one file; see the options of motion/process. Times in s of the recording."""
 
     file: Path
@@ -58,7 +58,7 @@ class OutputSettings:
     max_fps: float
 
 
-def process(request: Request, say: Say) -> Record:
+def process(request: ProcessRequest, say: Say) -> Record:
     """All steps but the report; `say` hears a line of each.
 
     A motion that the filter rejects goes on as far as it can, so that its report shows what the robot would do. Raises
@@ -101,7 +101,7 @@ def notes_of(motion: HumanMotion | Clip) -> tuple[str, ...]:
     return motion.notes if isinstance(motion, HumanMotion) else (f"A robot's motion: {motion.created_by}.",)
 
 
-def _read(request: Request, robot: Robot) -> HumanMotion | Clip:
+def _read(request: ProcessRequest, robot: Robot) -> HumanMotion | Clip:
     motion = read_motion(
         request.file,
         fps=request.fps,
@@ -146,7 +146,7 @@ def _changed(change: Change) -> str:
     return f"Height, limits and feet were corrected: the root by up to {1e3 * change.root_m:.0f} mm and {turns}."
 
 
-def _finished(clip: Clip, robot: Robot, request: Request, output: OutputSettings) -> Clip:
+def _finished(clip: Clip, robot: Robot, request: ProcessRequest, output: OutputSettings) -> Clip:
     """The clip as it is written. A loop has no ends in the default pose: it would pass through them every time."""
     clip = replace(resample(clip, min(clip.fps, output.max_fps)), created_by=CREATED_BY)
     if request.mirror:

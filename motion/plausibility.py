@@ -12,7 +12,7 @@ from motion.physics_checks import (
     is_stable,
     phases,
 )
-from motion.track import STEP_S, Track, difference, second_difference, turn_rate
+from motion.track import STEP_S, SupportTrack, difference, second_difference, turn_rate
 
 GRAVITY_M_S2 = 9.81
 _FREE_FALL = 0.5  # body weights: in the air a motion may be off from free fall by so much
@@ -51,7 +51,7 @@ class Finding:
     reason: str
 
 
-def balance(track: Track, distance_m: np.ndarray, settings: FilterSettings) -> Finding:
+def balance(track: SupportTrack, distance_m: np.ndarray, settings: FilterSettings) -> Finding:
     """Eq. 1 and its two conditions on `distance_m` (N,); frames whose centre of mass is above what bears are stable."""
     supported = outside_support_m(track.com_w[:, :2], track.bearing_w) < -settings.support_margin_m
     unstable = (distance_m >= STABLE_DISTANCE_M) & ~supported
@@ -70,7 +70,7 @@ def balance(track: Track, distance_m: np.ndarray, settings: FilterSettings) -> F
     return Finding("balance", passed, np.flatnonzero(unstable), value, MAX_UNSTABLE_FRAMES, "" if passed else reason)
 
 
-def flight(track: Track, settings: FilterSettings) -> Finding:
+def flight(track: SupportTrack, settings: FilterSettings) -> Finding:
     """No time without anything near the ground that is longer than a jump."""
     airborne = _airborne(track)
     length, first = _longest(airborne)
@@ -82,7 +82,7 @@ def flight(track: Track, settings: FilterSettings) -> Finding:
     return _finding("flight", value, limit, airborne, reason)
 
 
-def sinking(track: Track, settings: FilterSettings) -> Finding:
+def sinking(track: SupportTrack, settings: FilterSettings) -> Finding:
     """No sole deep below the ground."""
     depth = -track.sole_w[..., 2].min(axis=(1, 2))
     value, limit = max(0.0, float(depth.max())), settings.max_sink_m
@@ -90,7 +90,7 @@ def sinking(track: Track, settings: FilterSettings) -> Finding:
     return _finding("sinking", value, limit, depth > limit, reason)
 
 
-def tilt(track: Track, settings: FilterSettings) -> Finding:
+def tilt(track: SupportTrack, settings: FilterSettings) -> Finding:
     """Among the feet at rest, the flattest quarter lies flat: otherwise the world is not level."""
     lean = sole_lean_rad(track.sole_w)
     speed = np.linalg.norm(difference(track.sole_w.mean(axis=2), track.fps, STEP_S), axis=-1)
@@ -105,7 +105,7 @@ def tilt(track: Track, settings: FilterSettings) -> Finding:
     return _finding("tilt", value, limit, leaning, reason)
 
 
-def jump(track: Track, settings: FilterSettings) -> Finding:
+def jump(track: SupportTrack, settings: FilterSettings) -> Finding:
     """The root moves without leaps."""
     acceleration = np.linalg.norm(second_difference(track.root_pos_w, track.fps, STEP_S), axis=-1)
     value, limit = float(acceleration.max()), settings.max_root_acceleration_m_s2
@@ -113,7 +113,7 @@ def jump(track: Track, settings: FilterSettings) -> Finding:
     return _finding("jump", value, limit, acceleration > limit, reason)
 
 
-def spin(track: Track, settings: FilterSettings) -> Finding:
+def spin(track: SupportTrack, settings: FilterSettings) -> Finding:
     """The root turns without leaps."""
     rate = turn_rate(track.root_quat_wxyz, track.fps)
     value, limit = float(rate.max()), settings.max_root_turn_rad_s
@@ -121,7 +121,7 @@ def spin(track: Track, settings: FilterSettings) -> Finding:
     return _finding("spin", value, limit, rate > limit, reason)
 
 
-def speed(track: Track, settings: FilterSettings) -> Finding:
+def speed(track: SupportTrack, settings: FilterSettings) -> Finding:
     """No part is faster than any human's, or than the robot's joints by far."""
     share = track.speed / track.speed_limit
     frame, part = np.unravel_index(int(share.argmax()), share.shape)
@@ -133,7 +133,7 @@ def speed(track: Track, settings: FilterSettings) -> Finding:
     return _finding("speed", value, limit, (share > 1.0).any(axis=1), reason)
 
 
-def force(track: Track, settings: FilterSettings) -> Finding:
+def force(track: SupportTrack, settings: FilterSettings) -> Finding:
     """The ground can give the force that the centre of mass asks for: upwards, within friction, a few body weights."""
     acceleration = second_difference(track.com_w, track.fps, settings.force_window_s)
     wanted = acceleration / GRAVITY_M_S2 + np.array([0.0, 0.0, 1.0])
@@ -167,7 +167,7 @@ def sole_lean_rad(sole_w: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(sole_normal_w(sole_w)[..., 2], 0.0, 1.0))
 
 
-def _airborne(track: Track) -> np.ndarray:
+def _airborne(track: SupportTrack) -> np.ndarray:
     """(N,) where nothing is near the ground."""
     return track.bearing_w[..., 2].min(axis=1) > NEAR_GROUND_M
 

@@ -17,7 +17,7 @@ STEP_S = 1.0 / 30.0  # velocities over less say more about noise than about the 
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class SupportTrack:
     """N frames at `fps`, world frame, m: com_w (N,3), root_pos_w (N,3), root_quat_wxyz (N,4), sole_w (N,2,S,3) the
     points of left and right sole, bearing_w (N,P,3) those and whatever else may bear (knees, hands, ...), speed (N,K)
     of `speed_names` in `speed_unit` and what each may reach, speed_limit (K,)."""
@@ -34,11 +34,11 @@ class Track:
     speed_unit: str
 
 
-def track_human(motion: HumanMotion, max_point_speed_m_s: float) -> Track:
+def track_human(motion: HumanMotion, max_point_speed_m_s: float) -> SupportTrack:
     """Track of a human, whose joints (as points) may move at `max_point_speed_m_s`."""
     velocity = difference(motion.pos_w, motion.fps, STEP_S)
     sole_w = sole_points_of(motion.sole_w)
-    return Track(
+    return SupportTrack(
         fps=motion.fps,
         com_w=center_of_mass_w(motion.pos_w, motion.sole_w),
         root_pos_w=motion.pos_w[:, 0],
@@ -52,7 +52,7 @@ def track_human(motion: HumanMotion, max_point_speed_m_s: float) -> Track:
     )
 
 
-def track_clip(clip: Clip, robot: Robot, max_joint_speed_factor: float) -> Track:
+def track_clip(clip: Clip, robot: Robot, max_joint_speed_factor: float) -> SupportTrack:
     """Track of a clip on `robot`, whose joints may turn at their limits times `max_joint_speed_factor`.
 
     Raises InputError when the clip's joints are not the robot's.
@@ -61,7 +61,7 @@ def track_clip(clip: Clip, robot: Robot, max_joint_speed_factor: float) -> Track
     kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     sole_w = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
-    return Track(
+    return SupportTrack(
         fps=clip.fps,
         com_w=kinematics.center_of_mass_of(bodies),
         root_pos_w=clip.root_pos_w,

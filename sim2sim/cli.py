@@ -12,7 +12,7 @@ from robot.robot import load_robot
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
 from sim2sim.progress import Progress
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 from sim2sim.stress import load_conditions, stress, stress_document, stress_table
 from sim2sim.table import format_table
 from world.model import check_meshes
@@ -51,9 +51,9 @@ def build_parser() -> ArgumentParser:
     return parser
 
 
-def request_of(options: argparse.Namespace) -> Request:
+def request_of(options: argparse.Namespace) -> EvaluationRequest:
     """The parsed options as a request, in SI units."""
-    return Request(
+    return EvaluationRequest(
         policies=tuple(options.policy),
         motion=options.motion,
         sim=options.sim,
@@ -106,7 +106,7 @@ def _stress(options: argparse.Namespace) -> None:
         write_json(options.json, stress_document(rows))
 
 
-def _played(request: Request) -> Evaluation:
+def _played(request: EvaluationRequest) -> Evaluation:
     player = Player(request)
     progress = Progress(request.episodes * len(request.policies))
     evaluation = evaluate(player, progress)
@@ -114,7 +114,7 @@ def _played(request: Request) -> Evaluation:
     return evaluation
 
 
-def _run(request: Request, writers: Sequence[Writer]) -> None:
+def _run(request: EvaluationRequest, writers: Sequence[Writer]) -> None:
     started_s = time.monotonic()
     evaluation = _played(request)
     print(f"{request.episodes} episodes each, simulation {request.sim}, {time.monotonic() - started_s:.1f} s")

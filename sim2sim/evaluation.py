@@ -9,7 +9,7 @@ from sim2sim.aggregate import run_document, worst_frame
 from sim2sim.episode import EpisodeScore
 from sim2sim.parallel import Job, default_workers, play_all
 from sim2sim.player import Player
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Run:
 class Evaluation:
     """What an evaluation found. `player` knows robot and actors."""
 
-    request: Request
+    request: EvaluationRequest
     player: Player
     runs: Sequence[Run]
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from core.processes import available_cores, end_with_parent, one_thread_each
 from sim2sim.episode import EpisodeScore
 from sim2sim.player import Player
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 
 Job = tuple[int, int]  # index of the policy, index of the episode
 
@@ -36,7 +36,7 @@ def _serial(player: Player, jobs: Sequence[Job]) -> Iterator[tuple[Job, EpisodeS
         yield job, player.play(*job)
 
 
-def _parallel(request: Request, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, EpisodeScore]]:
+def _parallel(request: EvaluationRequest, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, EpisodeScore]]:
     context = multiprocessing.get_context("spawn")
     with one_thread_each(), ProcessPoolExecutor(workers, context, _prepare, (request,)) as pool:
         with _interrupts_ignored():
@@ -61,7 +61,7 @@ def _interrupts_ignored() -> Iterator[None]:
 _players: list[Player] = []  # the one of this worker process, built once
 
 
-def _prepare(request: Request) -> None:
+def _prepare(request: EvaluationRequest) -> None:
     end_with_parent()
     _players.append(Player(request))
 

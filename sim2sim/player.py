@@ -12,7 +12,7 @@ from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor
 from robot.robot import load_robot
 from sim2sim.episode import EpisodeScore
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 
 STAND_ACTOR = "stand"
 
@@ -20,7 +20,7 @@ STAND_ACTOR = "stand"
 class Player:
     """Everything that the episodes of a request share, built once. Raises InputError on anything that does not fit."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: EvaluationRequest) -> None:
         self.request = request
         self.robot = load_robot()
         self._settings = load_settings()

@@ -11,7 +11,7 @@ EPISODES_PER_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
-class Request:
+class EvaluationRequest:
     """One evaluation; picklable, so that every worker process builds the same thing from it.
 
     policies: names or files, all played under the same conditions. friction, delay_s, push_m_s: None for what the

@@ -8,7 +8,7 @@ from core.config import config_file, load_options
 from core.structured import at_least, none_negative, one_of
 from sim2sim.definitions import SCORES
 from sim2sim.evaluation import Evaluation
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 from sim2sim.table import format_value
 
 LABELS = ("", "falls", *(score.label for score in SCORES))
@@ -31,7 +31,7 @@ class Condition:
         at_least("episodes", self.episodes, 1)
         none_negative(self)
 
-    def of(self, request: Request) -> Request:
+    def of(self, request: EvaluationRequest) -> EvaluationRequest:
         """The request under this condition. Another model of the robot belongs to the reference simulation only."""
         return dataclasses.replace(
             request,
@@ -56,7 +56,7 @@ def load_conditions(name_or_file: str = "stress") -> tuple[Condition, ...]:
 
 
 def stress(
-    request: Request, conditions: Sequence[Condition], play: Callable[[Request], Evaluation]
+    request: EvaluationRequest, conditions: Sequence[Condition], play: Callable[[EvaluationRequest], Evaluation]
 ) -> list[tuple[Condition, Evaluation]]:
     """Evaluate every policy of `request` under every condition, in order."""
     return [(condition, play(condition.of(request))) for condition in conditions]

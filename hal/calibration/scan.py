@@ -9,7 +9,7 @@ from hal.calibration.consent import DEVICE, DONE, add_wire_options, load_wires, 
 from hal.can.bus_load import bus_loads, check_loads, load_table
 from hal.can.codec import Codec, Found
 from hal.can.codecs import CODECS
-from hal.can.link import Link
+from hal.can.link import CanLink
 from hal.can.robot_file import BusEntry, RobotFile
 
 LISTEN_S = 0.15
@@ -52,7 +52,7 @@ def scan_bus(bus: BusEntry, codecs: Iterable[type[Codec]], ids: Iterable[int]) -
     """
     asked = [codec for codec in codecs if bus.fd or not codec.fd]
     found: dict[tuple[str, int], Found] = {}
-    link = Link(bus.name, bus.arguments)
+    link = CanLink(bus.name, bus.arguments)
     link.open()
     try:
         _listen(link, asked, LISTEN_S, found)
@@ -66,7 +66,9 @@ def scan_bus(bus: BusEntry, codecs: Iterable[type[Codec]], ids: Iterable[int]) -
     return sorted(found.values(), key=lambda one: (one.codec, one.motor_id))
 
 
-def _listen(link: Link, codecs: Iterable[type[Codec]], duration_s: float, found: dict[tuple[str, int], Found]) -> None:
+def _listen(
+    link: CanLink, codecs: Iterable[type[Codec]], duration_s: float, found: dict[tuple[str, int], Found]
+) -> None:
     until_s = time.monotonic() + duration_s
     while (frame := link.receive(until_s)) is not None:
         for codec in codecs:

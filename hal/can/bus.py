@@ -11,10 +11,10 @@ from hal.can.bus_load import MAX_LOAD, bus_load
 from hal.can.codec import Feedback, MotorCommand
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
-from hal.can.link import Link
+from hal.can.link import CanLink
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
-from hal.can.targets import Targets
+from hal.can.targets import MotorTargets
 from hal.contract.joint_map import JointMap
 from hal.contract.types import DeviceError
 from hal.wire.boards import StateBoard
@@ -40,7 +40,7 @@ class CanBus:
         self.entry = next(bus for bus in file.buses if bus.name == name)
         self.name, self.period_s = name, 1.0 / file.rate_hz
         self._busy_s = bus_load(file, self.entry).round_s
-        self.link = Link(name, self.entry.arguments)
+        self.link = CanLink(name, self.entry.arguments)
         self.map: JointMap = file.joint_map.take(members)
         self.index = np.array([robot.joint_names.index(entry.joint) for entry in entries], dtype=int)
         lower, upper = file.bands_rad(robot)
@@ -54,7 +54,7 @@ class CanBus:
         limits_nm = [
             min(entry.limits.torque_nm or np.inf, robot.torque_limit_nm[k]) for entry, k in zip(entries, self.index)
         ]
-        self._targets = Targets(self.index, np.array(limits_nm))
+        self._targets = MotorTargets(self.index, np.array(limits_nm))
         self._demultiplexer = Demultiplexer(self.motors)
         self.lock = threading.Lock()
         self._state: StateBoard | None = None

@@ -19,12 +19,12 @@ ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
 
-class Link:
+class CanLink:
     """A bus by python-can's keywords. For one thread at a time. Every failure is a DeviceError naming the bus."""
 
     def __init__(self, name: str, arguments: dict[str, Any]) -> None:
         self.name, self.arguments = name, arguments
-        self.received = self.error_frames = 0
+        self.received = 0
         self._bus: can.BusABC | None = None
         self._echoes: Counter[tuple[int, bytes]] | None = None
 
@@ -91,7 +91,6 @@ class Link:
             if message is None:
                 return None
             if message.is_error_frame:
-                self.error_frames += 1
                 continue
             frame = Frame(
                 message.arbitration_id,

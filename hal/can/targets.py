@@ -8,7 +8,7 @@ from hal.wire.outbox import Kind, Outgoing
 from world.actuation import JointCommand
 
 
-class Targets:
+class MotorTargets:
     """Worked out once for each command, however often it is repeated.
 
     index: (N,) where each motor's joint stands in a command. torque_nm: (N,) limits of the feed-forward, at the joint.

@@ -9,7 +9,7 @@ import numpy as np
 
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.dds.command import CommandFrames
-from hal.dds.link import Link
+from hal.dds.link import DdsLink
 from hal.dds.motion_service import MotionService
 from hal.dds.observation import refusals
 from hal.dds.options import DdsOptions, load_dds_options
@@ -54,7 +54,7 @@ class DdsDriver:
     def identify(self) -> DeviceInfo:
         """See Driver."""
         options = self._options
-        self._link = Link(options.domain, options.interface)
+        self._link = DdsLink(options.domain, options.interface)
         self._states = StateReader(self._link)
         self._others = self._link.reader(COMMAND_TOPIC, LowCmd_, others_only=True)
         self._service = MotionService(self._link) if options.motion_service == "release" else None

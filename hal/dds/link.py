@@ -47,7 +47,7 @@ def configuration(interface: str) -> str:
     return f'<CycloneDDS><Domain Id="any"><General>{general}</General>{discovery}</Domain></CycloneDDS>'
 
 
-class Link:
+class DdsLink:
     """A participant of a domain. Raises InputError on an impossible domain, DeviceError where it cannot be joined."""
 
     def __init__(self, domain: int, interface: str) -> None:

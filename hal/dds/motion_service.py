@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 from hal.contract.types import DeviceError, DeviceFault
-from hal.dds.link import Link
+from hal.dds.link import DdsLink
 from hal.dds.types import NO_BYTES, Request_, RequestHeader_, RequestIdentity_, RequestLease_, RequestPolicy_, Response_
 
 REQUEST_TOPIC = "rt/api/motion_switcher/request"
@@ -37,7 +37,7 @@ class MotionService:
     For one thread at a time.
     """
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: DdsLink) -> None:
         self._requests = link.writer(REQUEST_TOPIC, Request_)
         self._responses = link.queue_reader(RESPONSE_TOPIC, Response_, DEPTH)
         self._ids = itertools.count(time.monotonic_ns())

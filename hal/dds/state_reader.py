@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hal.dds.layout import STATE
-from hal.dds.link import Link
+from hal.dds.link import DdsLink
 from hal.dds.types import LowState_
 
 STATE_TOPIC = "rt/lowstate"
@@ -33,7 +33,7 @@ class StateReader:
     A message with a wrong checksum is counted and dropped; so is one whose tick stands still, which is old news.
     """
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: DdsLink) -> None:
         self.latest: tuple[np.ndarray, float] | None = None
         self.counts = Counts()
         self._hear: Hear | None = None

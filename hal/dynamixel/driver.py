@@ -12,7 +12,7 @@ from hal.dynamixel.group import ServoGroup
 from hal.dynamixel.port import latency_timer_ms
 from hal.dynamixel.registers import WATCHDOG_UNIT_S
 from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load, with_endpoints
-from hal.dynamixel.setup import Found
+from hal.dynamixel.setup import FoundServo
 from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
 from hal.wire.boards import StateBoard
@@ -126,7 +126,7 @@ class DynamixelDriver:
         load = f"{self._options.rate_hz:g} Hz take {100 * port_load(self._options, port):.0f} % of the wire"
         return f"{port.device} at {port.baud} baud, {len(group.servos)} servos, {load}, {latency}"
 
-    def _servo_lines(self, group: ServoGroup, found: Sequence[Found]) -> dict[str, str]:
+    def _servo_lines(self, group: ServoGroup, found: Sequence[FoundServo]) -> dict[str, str]:
         laws = law_lines(group.translation, self._robot)
         return {
             servo.joint: f"{servo.model.name} id {servo.id}, firmware {seen.firmware}, {seen.voltage_v:.1f} V, "

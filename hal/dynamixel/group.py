@@ -14,7 +14,7 @@ from hal.dynamixel import setup
 from hal.dynamixel.port import PATIENT_S, ServoPort, Silent
 from hal.dynamixel.questions import Heard, StateQuestions
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions
-from hal.dynamixel.setup import Found, Job, Servo
+from hal.dynamixel.setup import FoundServo, Job, Servo
 from hal.dynamixel.translation import STATE, Translation
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
@@ -64,10 +64,10 @@ class ServoGroup:
 
     # Requests
 
-    def identify(self) -> tuple[list[Found], list[str]]:
+    def identify(self) -> tuple[list[FoundServo], list[str]]:
         """Open, find, check and set up every servo. What was found, and everything that is wrong. Energises nothing."""
         self.port.open()
-        found: list[Found] = []
+        found: list[FoundServo] = []
         problems: list[str] = []
         for servo in self.servos:
             try:

@@ -17,7 +17,7 @@ PATIENT_S = 0.1
 SYSFS = Path("/sys/bus/usb-serial/devices")
 
 
-class Refused(DeviceError):
+class ServoRefused(DeviceError):
     """A servo answered with an error."""
 
 

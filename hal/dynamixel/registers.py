@@ -24,7 +24,6 @@ class Register(NamedTuple):
 MODEL_NUMBER = Register(0, 2)
 FIRMWARE = Register(6, 1)
 ID = Register(7, 1)
-BAUD_RATE = Register(8, 1)
 RETURN_DELAY = Register(9, 1)  # 2 us
 DRIVE_MODE = Register(10, 1)
 OPERATING_MODE = Register(11, 1)

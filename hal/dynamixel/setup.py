@@ -13,7 +13,7 @@ from typing import TypeVar
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Model
-from hal.dynamixel.port import Refused, ServoPort, Silent
+from hal.dynamixel.port import ServoPort, ServoRefused, Silent
 from hal.dynamixel.protocol2 import Packet
 from hal.dynamixel.registers import Register
 from hal.dynamixel.robot_file import SUPPLY_TOLERANCE
@@ -27,7 +27,7 @@ Job = Generator[None, None, T]
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundServo:
     """What a servo said of itself."""
 
     firmware: int
@@ -89,12 +89,12 @@ def put_block(port: ServoPort, servo_id: int, address: int, data: bytes) -> Job[
     _check_error(answer, f"write of register {address}")
 
 
-def find(port: ServoPort, servo: Servo) -> Job[tuple[Found, list[str]]]:
+def find(port: ServoPort, servo: Servo) -> Job[tuple[FoundServo, list[str]]]:
     """Read everything that matters. What was found, and why the servo cannot be used, if so. Raises DeviceError."""
     eeprom = yield from get_block(port, servo.id, 0, RAM_START)
     ram = yield from get_block(port, servo.id, RAM_START, r.TABLE_BYTES - RAM_START)
     table = eeprom + ram
-    found = Found(
+    found = FoundServo(
         r.FIRMWARE.unpack(table),
         r.PRESENT_POSITION.unpack(table),
         r.PRESENT_VOLTAGE.unpack(table) / 10.0,
@@ -103,7 +103,7 @@ def find(port: ServoPort, servo: Servo) -> Job[tuple[Found, list[str]]]:
     return found, [f"{servo.name}: {problem}" for problem in _problems(servo, table, found)]
 
 
-def _problems(servo: Servo, table: bytes, found: Found) -> list[str]:
+def _problems(servo: Servo, table: bytes, found: FoundServo) -> list[str]:
     model, problems = servo.model, []
     if (number := r.MODEL_NUMBER.unpack(table)) != model.number:
         problems.append(f"model number {number}, expected {model.number}")
@@ -176,7 +176,7 @@ def _set_damping(port: ServoPort, servo: Servo) -> Job[None]:
     gains = gains_bytes(0, servo.d_damping)
     yield from put_block(port, servo.id, r.GAINS_START, gains)
     if (yield from get_block(port, servo.id, r.GAINS_START, r.GAINS_BYTES)) != gains:
-        raise Refused(f"did not take the gains of damping: {gains.hex(' ')}")
+        raise ServoRefused(f"did not take the gains of damping: {gains.hex(' ')}")
 
 
 def _set_watchdog(port: ServoPort, servo: Servo) -> Job[None]:
@@ -186,7 +186,7 @@ def _set_watchdog(port: ServoPort, servo: Servo) -> Job[None]:
 
 def _confirm(port: ServoPort, servo: Servo, register: Register, value: int) -> Job[None]:
     if (got := (yield from get(port, servo.id, register))) != value:
-        raise Refused(f"register {register.address} reads {got}, {value} was written")
+        raise ServoRefused(f"register {register.address} reads {got}, {value} was written")
 
 
 def _exchange(port: ServoPort, servo_id: int, frame: bytes, size: int) -> Job[Packet]:
@@ -206,4 +206,4 @@ def _exchange(port: ServoPort, servo_id: int, frame: bytes, size: int) -> Job[Pa
 def _check_error(answer: Packet, what: str) -> None:
     if number := answer.error & ~p2.ALERT:
         reason = p2.ERROR_NAMES[number] if number < len(p2.ERROR_NAMES) else f"error {number}"
-        raise Refused(f"id {answer.id} refuses a {what}: {reason}")
+        raise ServoRefused(f"id {answer.id} refuses a {what}: {reason}")

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 from hal.can.endpoints import endpoint_arguments
 from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
-from hal.can.link import Link
+from hal.can.link import CanLink
 from hal.can.robot_file import BusEntry
 from hal.emulator.pty import Terminal
 from hal.emulator.socketcand import SocketcandServer
@@ -106,7 +106,7 @@ class LinkWire(Wire):
 
     def __init__(self, bus: BusEntry, endpoint: str) -> None:
         self.endpoint = endpoint
-        self._link = Link(bus.name, endpoint_arguments(endpoint, bitrate=bus.bitrate, fd=bus.fd))
+        self._link = CanLink(bus.name, endpoint_arguments(endpoint, bitrate=bus.bitrate, fd=bus.fd))
         self._link.open()
         self._away = False
 

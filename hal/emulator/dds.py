@@ -12,7 +12,7 @@ from core.errors import InputError
 from core.rotations import quat_from_axis_angle, quat_mul
 from hal.dds.driver import COMMAND_TOPIC
 from hal.dds.layout import CMD, STATE
-from hal.dds.link import LOOPBACK, Link
+from hal.dds.link import LOOPBACK, DdsLink
 from hal.dds.options import DdsOptions
 from hal.dds.remote import BUTTONS, Remote, encode_remote
 from hal.dds.slots import SLOTS, SlotMap
@@ -81,7 +81,7 @@ class DdsDevice(DeviceSide):
     def start(self) -> None:
         """See DeviceSide."""
         self._domain = FreeDomain()
-        self._link = Link(self._domain.number, LOOPBACK)
+        self._link = DdsLink(self._domain.number, LOOPBACK)
         self._publisher = self._link.writer(STATE_TOPIC, LowState_)
         self._second = self._link.writer(COMMAND_TOPIC, LowCmd_)
         self._service = MotionServer(self._link, self._options.motion_service)

@@ -4,7 +4,7 @@ import json
 import threading
 import time
 
-from hal.dds.link import Link
+from hal.dds.link import DdsLink
 from hal.dds.motion_service import (
     BAD_PARAMETER,
     CHECK_MODE,
@@ -28,7 +28,7 @@ RELEASE_S = 0.2
 class MotionServer:
     """Answers the motion service's requests from a thread of its own. Letting go of the motors takes 0.2 s."""
 
-    def __init__(self, link: Link, mode: str) -> None:
+    def __init__(self, link: DdsLink, mode: str) -> None:
         self._mode, self._released_s = mode, float("inf")
         self._lock = threading.Lock()
         self._responses = link.writer(RESPONSE_TOPIC, Response_)

@@ -8,7 +8,7 @@ from typing import Any, Self
 from core.errors import InputError
 from hal.emulator.control import ControlServer
 from hal.emulator.device import device_class, fault_kinds
-from hal.emulator.faults import EVERYTHING, Fault, Faults
+from hal.emulator.faults import EVERYTHING, EmulatedFault, Faults
 from hal.emulator.robot import EmulatedRobot
 from robot.robot import Robot
 
@@ -26,7 +26,7 @@ class Emulation:
         config: str | None,
         robot: Robot,
         *,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[EmulatedFault] = (),
         start_noise_rad: float = 0.0,
         seed: int = 0,
     ) -> None:

@@ -45,7 +45,7 @@ HEARS_NOTHING = ("deaf", "brown_out", "reconnect")
 
 
 @dataclass(frozen=True)
-class Fault:
+class EmulatedFault:
     """One fault of what is named `key` (a joint, a bus, `imu`, or `*`), from start_s for duration_s.
 
     Times are seconds after the emulator was ready. value: None means the kind's default.
@@ -67,14 +67,14 @@ class Fault:
             raise InputError("bad value", where=f"fault {self.kind}", got=self.value, expected="a finite number")
 
 
-def parse_fault(text: str) -> Fault:
+def parse_fault(text: str) -> EmulatedFault:
     """`KIND[:KEY][=VALUE][@START[+DURATION]]`, such as `silence:left_knee_joint@5+0.5` or `delay=0.04`."""
     rest, _, times = text.partition("@")
     rest, _, value = rest.partition("=")
     kind, _, key = rest.partition(":")
     start, _, duration = times.partition("+")
     try:
-        return Fault(
+        return EmulatedFault(
             kind.strip(),
             key.strip() or EVERYTHING,
             float(value) if value else None,
@@ -108,7 +108,7 @@ class Faults:
 
     def __init__(
         self,
-        script: Sequence[Fault] = (),
+        script: Sequence[EmulatedFault] = (),
         *,
         kinds: Mapping[str, FaultKind] = COMMON_KINDS,
         seed: int = 0,
@@ -119,8 +119,8 @@ class Faults:
         self._lock = threading.Lock()
         self._keys: frozenset[str] | None = None
         self._zero_s = now()
-        self._faults: list[Fault] = []
-        self._active: list[Fault] = []
+        self._faults: list[EmulatedFault] = []
+        self._active: list[EmulatedFault] = []
         self._until_s = -math.inf
         for fault in script:
             self.add_at(fault)
@@ -133,7 +133,7 @@ class Faults:
                 self._check(fault)
             self._zero_s, self._until_s = self._now(), -math.inf
 
-    def add_at(self, fault: Fault) -> None:
+    def add_at(self, fault: EmulatedFault) -> None:
         """A fault whose start counts from when the emulator was ready. Raises InputError on an unknown kind or key."""
         with self._lock:
             self._check(fault)
@@ -144,7 +144,7 @@ class Faults:
         self, kind: str, key: str = EVERYTHING, *, value: float | None = None, duration_s: float = math.inf
     ) -> None:
         """A fault from now on."""
-        self.add_at(Fault(kind, key, value, max(0.0, self._now() - self._zero_s), duration_s))
+        self.add_at(EmulatedFault(kind, key, value, max(0.0, self._now() - self._zero_s), duration_s))
 
     def clear(self, kind: str | None = None, key: str | None = None) -> int:
         """Forget the faults of a kind and a key (None: any). How many there were."""
@@ -154,7 +154,7 @@ class Faults:
             self._until_s = -math.inf
             return count
 
-    def active(self, kind: str, *keys: str) -> Fault | None:
+    def active(self, kind: str, *keys: str) -> EmulatedFault | None:
         """The first fault of a kind that strikes one of the keys now."""
         for fault in self._now_active():
             if fault.kind == kind and (fault.key == EVERYTHING or fault.key in keys):
@@ -215,7 +215,7 @@ class Faults:
         with self._lock:
             return [{"kind": f.kind, "key": f.key, "value": f.value, "active": f in active} for f in self._faults]
 
-    def _check(self, fault: Fault) -> None:
+    def _check(self, fault: EmulatedFault) -> None:
         if fault.kind not in self.kinds:
             raise InputError("unknown fault", got=fault.kind, expected=f"one of {', '.join(sorted(self.kinds))}")
         if self._keys is not None and fault.key not in self._keys:
@@ -224,7 +224,7 @@ class Faults:
         if fault.value is not None and self.kinds[fault.kind].default is None:
             raise InputError("takes no value", where=f"fault {fault.kind}", got=fault.value)
 
-    def _now_active(self) -> list[Fault]:
+    def _now_active(self) -> list[EmulatedFault]:
         now_s = self._now()
         if now_s < self._until_s:
             return self._active

@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[bool, float | None, str]] = {
 
 
 @dataclass(frozen=True)
-class Fault:
+class MockFault:
     """One fault in [start_s, start_s + duration_s) after opening. Raises InputError where it makes no sense."""
 
     kind: str
@@ -70,7 +70,7 @@ class Fault:
 class FaultScript:
     """The faults of one run, with joints resolved by name. Raises InputError on an unknown joint."""
 
-    def __init__(self, faults: Sequence[Fault], robot: Robot) -> None:
+    def __init__(self, faults: Sequence[MockFault], robot: Robot) -> None:
         for fault in faults:
             if fault.joint is not None and fault.joint not in robot.joint_names:
                 expected = f"one of {', '.join(robot.joint_names)}"
@@ -80,7 +80,7 @@ class FaultScript:
         ]
         self._num_joints = robot.num_joints
 
-    def first(self, kind: str, t_s: float) -> Fault | None:
+    def first(self, kind: str, t_s: float) -> MockFault | None:
         """The first active fault of a kind, if any."""
         return next((fault for fault, _ in self._faults if fault.kind == kind and fault.active(t_s)), None)
 

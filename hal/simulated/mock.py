@@ -11,7 +11,7 @@ from core.structured import positive
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
-from hal.simulated.faults import Fault, FaultScript
+from hal.simulated.faults import FaultScript, MockFault
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 
@@ -26,7 +26,7 @@ class MockOptions:
     joint_lag_s: float
     link_timeout_s: float
     temperature_c: float
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[MockFault, ...] = ()
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""

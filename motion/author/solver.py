@@ -9,7 +9,7 @@ import numpy as np
 from core.errors import InputError
 from motion.author.choreography import Choreography
 from motion.author.stand import SIDES, TORSO_BODY, StandPose
-from motion.author.targets import Targets
+from motion.author.targets import AuthoredTargets
 from robot.robot import Robot
 
 WAIST_JOINTS = ("waist_yaw_joint", "waist_roll_joint", "waist_pitch_joint")
@@ -56,7 +56,7 @@ class PointTask(mink.Task):
         return data.xmat[self.frame_body].reshape(3, 3)
 
 
-class FrameSolver:
+class AuthoringSolver:
     """Solves frames in order, each from the one before."""
 
     def __init__(self, robot: Robot, stand: StandPose) -> None:
@@ -76,7 +76,7 @@ class FrameSolver:
         self.elbows = [PointTask(body[a.elbow_body], np.zeros(3), [1.0] * 3, torso) for a in arms]
         self.limits = [mink.ConfigurationLimit(self.model, gain=1.0)]
 
-    def solve(self, targets: Targets, frame: int) -> np.ndarray:
+    def solve(self, targets: AuthoredTargets, frame: int) -> np.ndarray:
         """qpos (7+J,) of one frame. Raises mink.NoSolutionFound when the feet cannot be where they should."""
         for i in range(2):
             self.feet[i].set_target(_pose(targets.foot_quat_wxyz[frame, i], targets.foot_pos_w[frame, i]))
@@ -99,7 +99,7 @@ class FrameSolver:
                 break
         return self.configuration.q
 
-    def misses(self, targets: Targets, frame: int) -> Iterator[tuple[str, float]]:
+    def misses(self, targets: AuthoredTargets, frame: int) -> Iterator[tuple[str, float]]:
         """(what, how far off) of the frame just solved; metres or radians."""
         yield "centre of mass", _norm(self.com.compute_error(self.configuration)[:2])
         yield "pelvis height", abs(self.height.compute_error(self.configuration)[2])
@@ -110,9 +110,9 @@ class FrameSolver:
             yield f"{side} foot", _norm(foot.compute_error(self.configuration)[:3])
 
 
-def solve_frames(robot: Robot, stand: StandPose, choreography: Choreography, targets: Targets) -> np.ndarray:
+def solve_frames(robot: Robot, stand: StandPose, choreography: Choreography, targets: AuthoredTargets) -> np.ndarray:
     """qpos (N,7+J) of every frame. Raises InputError naming the key whose target cannot be reached."""
-    solver = FrameSolver(robot, stand)
+    solver = AuthoringSolver(robot, stand)
     frames = np.empty((len(targets.times_s), len(stand.qpos)))
     for frame, time in enumerate(targets.times_s):
         where = choreography.where(choreography.key_at(time))

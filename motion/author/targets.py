@@ -21,7 +21,7 @@ _X, _Y, _Z = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Targets:
+class AuthoredTargets:
     """N rows: times_s (N,), foot_pos_w (N,2,3), foot_quat_wxyz (N,2,4), contact (N,2), zmp_w and com_w (N,2),
 
     pelvis_height_m (N,), pelvis_quat_wxyz (N,4), waist_rad (N,3) yaw roll pitch, hand_m and elbow_m (N,2,3) in the
@@ -41,7 +41,7 @@ class Targets:
     elbow_m: np.ndarray
 
 
-def body_targets(choreography: Choreography, stand: StandPose) -> Targets:
+def body_targets(choreography: Choreography, stand: StandPose) -> AuthoredTargets:
     """Targets of every frame. Raises InputError where a foot would slide or bear weight in the air."""
     dt = 1.0 / choreography.fps
     times = np.arange(round(choreography.key_times_s[-1] * choreography.fps) + 1) * dt
@@ -55,7 +55,7 @@ def body_targets(choreography: Choreography, stand: StandPose) -> Targets:
     zmp = _pressure_point(balance, positions, quats, pelvis[:, 1], stand)
     arms = [tracks[f"{side}_arm"] for side in SIDES]
     elbows = [[stand.arms[s].elbow_at(row[:3], row[3]) for row in arm] for s, arm in zip(SIDES, arms, strict=True)]
-    return Targets(
+    return AuthoredTargets(
         times_s=times,
         foot_pos_w=positions,
         foot_quat_wxyz=quats,
@@ -70,7 +70,9 @@ def body_targets(choreography: Choreography, stand: StandPose) -> Targets:
     )
 
 
-def corrected(targets: Targets, stand: StandPose, qpos: np.ndarray, wanted_zmp_w: np.ndarray) -> Targets:
+def corrected(
+    targets: AuthoredTargets, stand: StandPose, qpos: np.ndarray, wanted_zmp_w: np.ndarray
+) -> AuthoredTargets:
     """Targets whose CoM makes up for what swinging limbs did to the pressure point in their solution `qpos` (N,7+J)."""
     dt = targets.times_s[1] - targets.times_s[0]
     miss = gaussian_filter1d(pressure_point(stand.model, qpos, dt) - wanted_zmp_w, CORRECTION_WIDTH_S / dt, axis=0)

@@ -22,7 +22,7 @@ UNITS = ("mm", "Nm", "N", "s")  # that a column names: the others count
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClipFinding:
     """What is wrong with one clip; `figures` by key of report.json."""
 
     name: str
@@ -68,15 +68,15 @@ def _run(arguments: Sequence[str] | None) -> int:
     return 0 if all(finding.verdict.stable for finding in findings) else NOT_TRACKABLE_CODE
 
 
-def find(name_or_file: str, robot: Robot, fps: float | None = None) -> Finding:
+def find(name_or_file: str, robot: Robot, fps: float | None = None) -> ClipFinding:
     """Judge one clip. Raises InputError when it cannot be read."""
     clip = open_motion(name_or_file, robot, csv_fps=fps)
     verdict = judge((clip, robot))
     told = figures(check_clip(clip, robot), trace_clip(clip, robot), verdict, residual_of(clip, robot))
-    return Finding(name_or_file, verdict, told)
+    return ClipFinding(name_or_file, verdict, told)
 
 
-def report(findings: Sequence[Finding]) -> str:
+def report(findings: Sequence[ClipFinding]) -> str:
     """A table with a line a clip, and under it why clips are not trackable, warnings, and collisions."""
     heads = ("clip", "verdict", *(f"{label} {unit}" if unit in UNITS else label for label, unit, _ in FIGURES.values()))
     rows = []

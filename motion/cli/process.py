@@ -14,7 +14,7 @@ from motion.cli.parallel import run_all
 from motion.clip import clip_to_bytes
 from motion.human.bvh import UNITS_M
 from motion.human.placing import UPRIGHT_WXYZ
-from motion.pipeline import Request, process
+from motion.pipeline import ProcessRequest, process
 from motion.report.page import report_page
 from motion.report.record import TRACKABLE, document, json_text
 
@@ -25,7 +25,7 @@ DEFAULT_FOLDER = Path("motions")
 class Job:
     """One input, and the folder that receives what becomes of it; whether the folder around that is made as well."""
 
-    request: Request
+    request: ProcessRequest
     folder: Path
     makes_parent: bool
 
@@ -96,8 +96,8 @@ def checked_name(name: str) -> str:
     return name
 
 
-def _request(options: argparse.Namespace, path: Path, name: str) -> Request:
-    return Request(
+def _request(options: argparse.Namespace, path: Path, name: str) -> ProcessRequest:
+    return ProcessRequest(
         file=path,
         name=name,
         robot=options.robot,

@@ -16,7 +16,7 @@ from core.rotations import (
 from motion.clip import Clip
 from motion.finish.frames import (
     UNKNOWN_CONTACT,
-    Body,
+    FramePoses,
     Frames,
     blend_frames,
     check_speed,
@@ -45,7 +45,7 @@ def with_default_ends(
     settings = settings or read_section(FinishSettings, "finish")
     seconds = settings.default_ends_s if seconds is None else seconds
     count = blend_frames(clip, seconds)
-    frames, body, where = frames_of(clip, robot), Body(robot), clip.source or "clip"
+    frames, body, where = frames_of(clip, robot), FramePoses(robot), clip.source or "clip"
     parts = [frames]
     for turned in (slice(None), slice(None, None, -1)):  # the way back is the way there of the clip played backwards
         inner = frames[turned]
@@ -63,7 +63,7 @@ def _is_default(frames: Frames, robot: Robot, settings: FinishSettings) -> bool:
     return bool(max(tilt, away) <= settings.same_pose_rad)
 
 
-def _lead_in(frames: Frames, body: Body, count: int, settings: FinishSettings) -> Frames:
+def _lead_in(frames: Frames, body: FramePoses, count: int, settings: FinishSettings) -> Frames:
     """The `count` frames before the first of `frames`, the earliest in the default pose."""
     part = np.arange(count) / count
     joints = _joints(frames, body.robot, part, settings)
@@ -91,7 +91,7 @@ def _joints(frames: Frames, robot: Robot, part: np.ndarray, settings: FinishSett
 
 
 def _root_over_foot(
-    first: Frames, posed: Frames, body: Body, foot: int, progress: np.ndarray
+    first: Frames, posed: Frames, body: FramePoses, foot: int, progress: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Root (M,3), (M,4) that keeps the middle and heading of a foot's sole as in `first` while the joints move.
 

@@ -29,7 +29,7 @@ class Frames:
         return Frames(*(array[rows] for array in vars(self).values()))
 
 
-class Body:
+class FramePoses:
     """Forward kinematics of `robot` for frames."""
 
     def __init__(self, robot: Robot) -> None:

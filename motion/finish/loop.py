@@ -9,7 +9,7 @@ from core.rotations import normalize, quat_from_axis_angle, quat_mul, quat_rotat
 from motion.clip import Clip
 from motion.finish.frames import (
     UNKNOWN_CONTACT,
-    Body,
+    FramePoses,
     Frames,
     blend_frames,
     check_speed,
@@ -41,7 +41,7 @@ def loop_clip(clip: Clip, robot: Robot, seconds: float | None = None, settings: 
     if clip.num_frames <= 3 * count:
         expected = f"more than three blends of {count / clip.fps:g} s"
         raise InputError("too short to loop", where=where, got=f"{clip.duration_s:g} s", expected=expected)
-    frames, body = frames_of(clip, robot), Body(robot)
+    frames, body = frames_of(clip, robot), FramePoses(robot)
     head = frames[: count + 1]
     rest = _without_drift(frames[count:], body, settings, where)
     tail = rest[len(rest.contact) - count - 1 :]
@@ -49,7 +49,7 @@ def loop_clip(clip: Clip, robot: Robot, seconds: float | None = None, settings: 
     return with_frames(clip, robot, rest[: -count - 1], _crossfade(tail, head, body, settings.stays_m))
 
 
-def _without_drift(frames: Frames, body: Body, settings: FinishSettings, where: str) -> Frames:
+def _without_drift(frames: Frames, body: FramePoses, settings: FinishSettings, where: str) -> Frames:
     """`frames` turned and moved in the plane, more and more, so that the last stands and faces as the first does."""
     places, headings = _standing_places(frames, body)
     turn = -float(np.mean(_wrapped(headings[1] - headings[0])))
@@ -68,7 +68,7 @@ def _without_drift(frames: Frames, body: Body, settings: FinishSettings, where: 
     return replace(frames, root_pos_w=root_pos_w, root_quat_wxyz=root_quat)
 
 
-def _standing_places(frames: Frames, body: Body) -> tuple[np.ndarray, np.ndarray]:
+def _standing_places(frames: Frames, body: FramePoses) -> tuple[np.ndarray, np.ndarray]:
     """Where in the plane (2,F,3) and heading where (2,F) the feet are that stand in the first frame and in the last.
 
     If there are none, the root.
@@ -80,7 +80,7 @@ def _standing_places(frames: Frames, body: Body) -> tuple[np.ndarray, np.ndarray
     return ends.root_pos_w[:, None] * _FLAT, yaw_of(ends.root_quat_wxyz)[:, None]
 
 
-def _crossfade(before: Frames, after: Frames, body: Body, stays_m: float) -> Frames:
+def _crossfade(before: Frames, after: Frames, body: FramePoses, stays_m: float) -> Frames:
     """From `before` to `after`, frame by frame; both of the same length."""
     part = ease(np.linspace(0.0, 1.0, len(before.contact)))
 

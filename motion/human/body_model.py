@@ -22,7 +22,7 @@ _NO_MODEL = (
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class SmplBody:
     """A skeleton, where its pelvis (3,) lies in the axes of SMPL without translation, and a sentence about it."""
 
     skeleton: Skeleton
@@ -30,14 +30,14 @@ class Body:
     note: str
 
 
-def body_of(model: str, gender: str, betas: np.ndarray, body_models: Path | None) -> Body:
+def body_of(model: str, gender: str, betas: np.ndarray, body_models: Path | None) -> SmplBody:
     """The body of `model` (smpl, smplh, smplx), `gender` and shape `betas` (B,).
 
     `body_models` is the folder of the licensed files as the smplx package expects it (smplx/SMPLX_NEUTRAL.npz, ...);
     None takes the mean skeleton. Raises InputError when they cannot be read or smplx is not installed.
     """
     if body_models is None:
-        return Body(MEAN_SKELETON, np.array(_PELVIS_M.get(model, _PELVIS_SMPL_M)), _NO_MODEL)
+        return SmplBody(MEAN_SKELETON, np.array(_PELVIS_M.get(model, _PELVIS_SMPL_M)), _NO_MODEL)
     layer = _layer(model, gender, body_models)
     template, directions, regressor = (
         np.asarray(getattr(layer, name).detach().cpu().numpy(), dtype=np.float64)
@@ -47,7 +47,7 @@ def body_of(model: str, gender: str, betas: np.ndarray, body_models: Path | None
     vertex = template + directions[..., :used] @ betas[:used]
     joint = regressor[: len(JOINTS)] @ vertex
     note = f"The body is the licensed {model} model, {gender}, with {used} shape numbers of the file."
-    return Body(_skeleton(_turned(vertex), _turned(joint)), joint[0], note)
+    return SmplBody(_skeleton(_turned(vertex), _turned(joint)), joint[0], note)
 
 
 def _layer(model: str, gender: str, body_models: Path) -> Any:

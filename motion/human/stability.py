@@ -12,7 +12,7 @@ _STEPS_TO_BALL, _STEPS_TO_TOE = 5, 2  # as the lengths of the foot before and be
 _POINTS_ON_BONE = 5
 
 
-class Segment(NamedTuple):
+class MassSegment(NamedTuple):
     """A part of the body: its share of the mass in percent; its centre lies at `fraction` of the way from the middle of
     the points `start` to the middle of the points `end`."""
 
@@ -23,17 +23,17 @@ class Segment(NamedTuple):
     fraction: float
 
 
-def _limbs(side: str) -> tuple[Segment, ...]:
+def _limbs(side: str) -> tuple[MassSegment, ...]:
     def at(name: str) -> tuple[str]:
         return (f"{side}_{name}",)
 
     return (
-        Segment(f"{side} upper arm", 2.63, at("shoulder"), at("elbow"), 0.576),
-        Segment(f"{side} forearm", 1.50, at("elbow"), at("wrist"), 0.457),
-        Segment(f"{side} hand", 0.585, at("elbow"), at("wrist"), 1.237),
-        Segment(f"{side} thigh", 14.47, at("hip"), at("knee"), 0.385),
-        Segment(f"{side} shank", 4.57, at("knee"), at("ankle"), 0.437),
-        Segment(f"{side} foot", 1.33, at("heel"), at("toe"), 0.421),
+        MassSegment(f"{side} upper arm", 2.63, at("shoulder"), at("elbow"), 0.576),
+        MassSegment(f"{side} forearm", 1.50, at("elbow"), at("wrist"), 0.457),
+        MassSegment(f"{side} hand", 0.585, at("elbow"), at("wrist"), 1.237),
+        MassSegment(f"{side} thigh", 14.47, at("hip"), at("knee"), 0.385),
+        MassSegment(f"{side} shank", 4.57, at("knee"), at("ankle"), 0.437),
+        MassSegment(f"{side} foot", 1.33, at("heel"), at("toe"), 0.421),
     )
 
 
@@ -42,10 +42,10 @@ def _limbs(side: str) -> tuple[Segment, ...]:
 # from pelvis to spine1. The hand's centre is 63 mm beyond the wrist by the lengths in the same table, which is the
 # forearm carried on by 24 %; the head's, at the level of the ears, a little beyond the joint that bears the head.
 SEGMENTS = (
-    Segment("head", 6.81, ("neck",), ("head",), 1.3),
-    Segment("upper trunk", 15.705, ("neck",), ("spine2",), 0.506),
-    Segment("middle trunk", 15.49, ("spine2",), ("pelvis", "spine1"), 0.451),
-    Segment("lower trunk", 11.82, ("pelvis", "spine1"), ("left_hip", "right_hip"), 0.552),
+    MassSegment("head", 6.81, ("neck",), ("head",), 1.3),
+    MassSegment("upper trunk", 15.705, ("neck",), ("spine2",), 0.506),
+    MassSegment("middle trunk", 15.49, ("spine2",), ("pelvis", "spine1"), 0.451),
+    MassSegment("lower trunk", 11.82, ("pelvis", "spine1"), ("left_hip", "right_hip"), 0.552),
     *_limbs("left"),
     *_limbs("right"),
 )

@@ -23,7 +23,7 @@ VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG = 12.0, 40.0  # from the front left of some
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class PointTree:
     """Points (N,P,3) in the world at `fps`, the point above each (-1: none) and its name. The first is the root."""
 
     fps: float
@@ -32,17 +32,17 @@ class Skeleton:
     names: Sequence[str]
 
 
-def skeleton_of(motion: HumanMotion | Clip, robot: Robot) -> Skeleton:
+def skeleton_of(motion: HumanMotion | Clip, robot: Robot) -> PointTree:
     """The 22 joints of a person, or the tracked points of `robot`, through all frames."""
     if isinstance(motion, HumanMotion):
-        return Skeleton(motion.fps, motion.pos_w, PARENTS, JOINTS)
+        return PointTree(motion.fps, motion.pos_w, PARENTS, JOINTS)
     model = robot.model
     above = [int(parent) - 1 for parent in model.body_parentid[1:]]
     above += robot.body_index([point.parent for point in robot.points]).tolist()
-    return Skeleton(motion.fps, trace_clip(motion, robot).body_pos_w, above, robot.tracked_names)
+    return PointTree(motion.fps, trace_clip(motion, robot).body_pos_w, above, robot.tracked_names)
 
 
-def before_and_after(rows: Sequence[tuple[str, Skeleton]]) -> bytes:
+def before_and_after(rows: Sequence[tuple[str, PointTree]]) -> bytes:
     """One row of stick figures a skeleton, at the same instants of all; each stands on its own patch of ground."""
     duration_s = min((len(skeleton.pos_w) - 1) / skeleton.fps for _, skeleton in rows)
     figure = Figure(figsize=(10.0, 2.4 * len(rows)), dpi=100)
@@ -58,7 +58,7 @@ def before_and_after(rows: Sequence[tuple[str, Skeleton]]) -> bytes:
     return png_of(figure)
 
 
-def _draw(axes: Any, skeleton: Skeleton, frame: int, reach_m: float) -> None:
+def _draw(axes: Any, skeleton: PointTree, frame: int, reach_m: float) -> None:
     points = skeleton.pos_w[frame]
     bones = [(point, above) for point, above in enumerate(skeleton.parents) if above >= 0]
     colors = [SIDE_COLORS.get(skeleton.names[point].split("_")[0], MIDDLE_COLOR) for point, _ in bones]

@@ -11,7 +11,7 @@ from motion.human.correct import CorrectSettings, height_offset_m
 from motion.reference import joint_columns
 from motion.retarget.feet import plan_feet, sole_middles
 from motion.retarget.settings import RetargetSettings
-from motion.retarget.solver import FrameSolver, Layout, Targets
+from motion.retarget.solver import FrameSolver, TargetLayout, Targets
 from motion.settings import read_section
 from robot.kinematics import TrackedPoint
 from robot.robot import Robot
@@ -39,7 +39,7 @@ def clean_robot_motion(clip: Clip, robot: Robot, settings: RetargetSettings) -> 
     legs = leg_joints(robot)
     targets = _targets(clip, joint_pos, legs, robot, settings)
     root = TrackedPoint(robot.root_body, robot.root_body, (0.0, 0.0, 0.0))
-    layout = Layout((robot.root_body, *robot.feet), (), (root, *sole_middles(robot)))
+    layout = TargetLayout((robot.root_body, *robot.feet), (), (root, *sole_middles(robot)))
     start = np.concatenate((targets.point_w[0, 0], clip.root_quat_wxyz[0], joint_pos[0]))
     qpos = FrameSolver(robot, layout, settings.solver, clip.fps, given=~legs).solve(targets, start)
     return replace(

@@ -17,7 +17,7 @@ from motion.retarget.shape import (
     scaled_root_w,
     turned,
 )
-from motion.retarget.solver import FrameSolver, Layout, Targets
+from motion.retarget.solver import FrameSolver, TargetLayout, Targets
 from robot.kinematics import TrackedPoint
 from robot.robot import Robot
 
@@ -59,8 +59,8 @@ def _checked_contact(contact: np.ndarray, num_frames: int) -> np.ndarray:
     return contact
 
 
-def _layout(robot: Robot, settings: RetargetSettings) -> Layout:
-    return Layout(
+def _layout(robot: Robot, settings: RetargetSettings) -> TargetLayout:
+    return TargetLayout(
         rotations=(*(row.body for row in settings.rotations), *robot.feet),
         lines=tuple((_point(robot, row.robot[0]), _point(robot, row.robot[1])) for row in settings.segments),
         points=(_point(robot, robot.root_body), *sole_middles(robot)),

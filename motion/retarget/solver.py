@@ -26,7 +26,7 @@ DAMPING_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
-class Layout:
+class TargetLayout:
     """What the targets are about: R turning bodies, V lines from point to point, P points."""
 
     rotations: tuple[str, ...]
@@ -69,7 +69,9 @@ class FrameSolver:
     The joints in `given` (J,) follow their targets as their limits allow, whatever the rest wants or touches.
     """
 
-    def __init__(self, robot: Robot, layout: Layout, settings: SolverSettings, fps: float, given: np.ndarray) -> None:
+    def __init__(
+        self, robot: Robot, layout: TargetLayout, settings: SolverSettings, fps: float, given: np.ndarray
+    ) -> None:
         self._body, self._settings, self._given = Body(robot, settings.look_ahead_m, given), settings, given
         self._lower, self._upper = robot.pos_lower_rad, robot.pos_upper_rad
         self._reach = robot.vel_limit_rad_s / fps * WITHIN

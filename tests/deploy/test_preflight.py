@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.preflight import Refused, require, run_preflight, table
+from deploy.preflight import PreflightRefused, require, run_preflight, table
 from hal.contract.types import LinkLost, NoState
 from tests.deploy.toys import KNEE, ROBOT, SETTINGS, FakeBackend, linear_run, state, tilted, with_joint
 
@@ -44,7 +44,7 @@ UNFIT = [
 
 @pytest.mark.parametrize(("unfit", "says"), UNFIT)
 def test_refuses_with_the_reason(tmp_path, unfit, says):
-    with pytest.raises(Refused, match="preflight refused") as refusal:
+    with pytest.raises(PreflightRefused, match="preflight refused") as refusal:
         require(checks_for(tmp_path, [unfit]))
     assert says in str(refusal.value)
 
@@ -60,7 +60,7 @@ def test_what_is_not_at_rest_is_not_judged_by_gravity(tmp_path):
 
 
 def test_other_joint_names_are_refused(tmp_path):
-    with pytest.raises(Refused, match="joint names: differ: left_knee_joint, wing_joint"):
+    with pytest.raises(PreflightRefused, match="joint names: differ: left_knee_joint, wing_joint"):
         require(
             checks_for(
                 tmp_path,

@@ -9,7 +9,7 @@ from core.clock import SimulatedClock
 from core.config import config_file, load_options
 from hal.contract.backend import Backend
 from hal.contract.types import RobotState
-from hal.simulated.faults import Fault
+from hal.simulated.faults import MockFault
 from hal.simulated.mock import MockBackend, MockOptions
 from hal.simulated.mujoco import MujocoBackend
 from robot.robot import Robot, load_robot
@@ -25,7 +25,7 @@ def sim_options(name: str = "default", **changes: Any) -> SimOptions:
     return dataclasses.replace(load_sim_options(name), **changes)
 
 
-def mock(*faults: Fault, robot: Robot = G1, **changes: Any) -> MockBackend:
+def mock(*faults: MockFault, robot: Robot = G1, **changes: Any) -> MockBackend:
     options = load_options(MockOptions, config_file("hal", "mock"))
     return MockBackend(robot, SimulatedClock(), dataclasses.replace(options, faults=faults, **changes))
 

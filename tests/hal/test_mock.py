@@ -6,14 +6,14 @@ import pytest
 from core.errors import InputError
 from core.rotations import projected_gravity
 from hal.contract.types import LinkLost, NoState, RobotState
-from hal.simulated.faults import KINDS, Fault
+from hal.simulated.faults import KINDS, MockFault
 from tests.hal.rigs import G1, PERIOD_S, UPRIGHT, hold, mock, pass_time, run
 
 KNEE = "left_knee_joint"
 K = G1.joint_names.index(KNEE)
 
 
-def at(fault: Fault, t_s: float) -> RobotState:
+def at(fault: MockFault, t_s: float) -> RobotState:
     """The state t_s after opening, read every period on the way."""
     backend = mock(fault)
     backend.open()
@@ -71,7 +71,7 @@ def test_what_it_cannot_know_it_does_not_say() -> None:
 
 
 def test_link_loss_raises_on_reading_and_writing() -> None:
-    backend = mock(Fault("link_loss", 0.1, 0.1))
+    backend = mock(MockFault("link_loss", 0.1, 0.1))
     backend.open()
     pass_time(backend, 0.1)
     with pytest.raises(LinkLost):
@@ -84,7 +84,7 @@ def test_link_loss_raises_on_reading_and_writing() -> None:
 
 
 def test_no_state_at_first() -> None:
-    backend = mock(Fault("no_state", 0.0, 0.1))
+    backend = mock(MockFault("no_state", 0.0, 0.1))
     backend.open()
     with pytest.raises(NoState):
         backend.read()
@@ -93,21 +93,21 @@ def test_no_state_at_first() -> None:
 
 
 def test_silence_from_the_start_is_no_state_either() -> None:
-    backend = mock(Fault("silence", 0.0))
+    backend = mock(MockFault("silence", 0.0))
     backend.open()
     with pytest.raises(NoState):
         backend.read()
 
 
 def test_a_joint_that_never_answered_leaves_the_state_incomplete() -> None:
-    backend = mock(Fault("stale_joint", 0.0, joint=KNEE))
+    backend = mock(MockFault("stale_joint", 0.0, joint=KNEE))
     backend.open()
     with pytest.raises(NoState):
         backend.read()
 
 
 def test_silence_ages_everything_and_then_counts_as_a_dead_link() -> None:
-    backend = mock(Fault("silence", 0.1))
+    backend = mock(MockFault("silence", 0.1))
     backend.open()
     run(backend, hold(G1), 0.08)
     frozen = backend.read()
@@ -124,7 +124,7 @@ def test_silence_ages_everything_and_then_counts_as_a_dead_link() -> None:
 
 
 def test_one_stale_joint_keeps_its_value_and_tells_its_age() -> None:
-    backend = mock(Fault("stale_joint", 0.05, 0.06, joint=KNEE))
+    backend = mock(MockFault("stale_joint", 0.05, 0.06, joint=KNEE))
     backend.open()
     before = run(backend, hold(G1), 0.04).joint_pos_rad[K]
     state = run(backend, hold(G1, G1.default_pos_rad + 0.5), 0.06)
@@ -139,7 +139,7 @@ def test_one_stale_joint_keeps_its_value_and_tells_its_age() -> None:
 
 
 def test_a_stale_imu_ages_alone() -> None:
-    state = at(Fault("stale_imu", 0.05), 0.1)
+    state = at(MockFault("stale_imu", 0.05), 0.1)
     assert state.imu_age_s == pytest.approx(0.06)
     np.testing.assert_array_equal(state.joint_age_s, 0.0)
 
@@ -154,57 +154,57 @@ def test_a_stale_imu_ages_alone() -> None:
     ],
 )
 def test_values_that_are_no_numbers_are_passed_on_as_they_are(kind: str, joint: str | None, field: str) -> None:
-    state = at(Fault(kind, 0.05, 0.1, joint=joint), 0.1)
+    state = at(MockFault(kind, 0.05, 0.1, joint=joint), 0.1)
     struck = np.isnan(getattr(state, field))
     assert struck.sum() == (1 if joint else struck.size)
     if joint:
         assert struck[K]
     for other in ("joint_pos_rad", "joint_vel_rad_s", "imu_quat_wxyz", "imu_ang_vel_b", "imu_acc_b"):
         assert other == field or np.isfinite(getattr(state, other)).all()
-    assert np.isfinite(getattr(at(Fault(kind, 0.05, 0.1, joint=joint), 0.2), field)).all()
+    assert np.isfinite(getattr(at(MockFault(kind, 0.05, 0.1, joint=joint), 0.2), field)).all()
 
 
 def test_over_temperature() -> None:
-    state = at(Fault("over_temperature", 0.0, joint=KNEE), 0.1)
+    state = at(MockFault("over_temperature", 0.0, joint=KNEE), 0.1)
     assert state.temperature_c is not None
     assert state.temperature_c[K] == 120.0
     assert np.delete(state.temperature_c, K).max() < 50.0
 
 
 def test_device_fault_names_the_motor() -> None:
-    assert at(Fault("device_fault", 0.0, joint=KNEE), 0.1).faults == (f"motor_fault:{KNEE}",)
+    assert at(MockFault("device_fault", 0.0, joint=KNEE), 0.1).faults == (f"motor_fault:{KNEE}",)
 
 
 def test_a_stuck_joint_does_not_move() -> None:
-    state = at(Fault("stuck_joint", 0.0, joint=KNEE), 2.0)
+    state = at(MockFault("stuck_joint", 0.0, joint=KNEE), 2.0)
     assert state.joint_pos_rad[K] == 0.0
     np.testing.assert_allclose(np.delete(state.joint_pos_rad, K), np.delete(G1.default_pos_rad, K), atol=1e-3)
 
 
 def test_a_joint_past_its_range() -> None:
-    state = at(Fault("past_range", 0.0, joint=KNEE, value=0.15), 0.1)
+    state = at(MockFault("past_range", 0.0, joint=KNEE, value=0.15), 0.1)
     assert state.joint_pos_rad[K] == pytest.approx(G1.pos_upper_rad[K] + 0.15)
 
 
 def test_overspeed() -> None:
-    assert at(Fault("overspeed", 0.0, joint=KNEE), 0.1).joint_vel_rad_s[K] == 60.0
+    assert at(MockFault("overspeed", 0.0, joint=KNEE), 0.1).joint_vel_rad_s[K] == 60.0
 
 
 def test_tilt_turns_gravity_and_the_accelerometer_together() -> None:
-    state = at(Fault("tilt", 0.0, value=0.7), 0.1)
+    state = at(MockFault("tilt", 0.0, value=0.7), 0.1)
     gravity_b = projected_gravity(state.imu_quat_wxyz)
     np.testing.assert_allclose(gravity_b, [np.sin(0.7), 0.0, -np.cos(0.7)], atol=1e-12)
     np.testing.assert_allclose(state.imu_acc_b, -9.81 * gravity_b, atol=1e-12)
 
 
 def test_a_slow_read_takes_its_time() -> None:
-    backend = mock(Fault("slow_read", 0.0, value=0.03))
+    backend = mock(MockFault("slow_read", 0.0, value=0.03))
     backend.open()
     assert backend.read().time_s == pytest.approx(0.03)
 
 
 def test_write_error() -> None:
-    backend = mock(Fault("write_error", 0.0))
+    backend = mock(MockFault("write_error", 0.0))
     backend.open()
     with pytest.raises(LinkLost):
         backend.write(hold(G1))
@@ -214,7 +214,7 @@ def test_write_error() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_closing_works_through_every_fault(kind: str) -> None:
     needs_joint = KINDS[kind][0]
-    backend = mock(Fault(kind, 0.1, joint=KNEE if needs_joint else None))
+    backend = mock(MockFault(kind, 0.1, joint=KNEE if needs_joint else None))
     with backend:
         run(backend, hold(G1), 0.08)
         pass_time(backend, 0.04)
@@ -248,9 +248,9 @@ def test_closing_works_through_every_fault(kind: str) -> None:
 )
 def test_a_fault_that_makes_no_sense_is_refused(entries: dict, text: str) -> None:
     with pytest.raises(InputError, match=text):
-        Fault(**entries)
+        MockFault(**entries)
 
 
 def test_a_fault_on_an_unknown_joint_is_refused() -> None:
     with pytest.raises(InputError, match=r"unknown joint, got left_wing_joint, expected one of left_hip"):
-        mock(Fault("stale_joint", 0.0, joint="left_wing_joint"))
+        mock(MockFault("stale_joint", 0.0, joint="left_wing_joint"))

@@ -9,7 +9,7 @@ from core.rotations import quat_from_axis_angle, quat_rotate
 from motion import plausibility
 from motion.plausibility import FilterSettings, outside_support_m, sole_lean_rad
 from motion.settings import read_section
-from motion.track import Track
+from motion.track import SupportTrack
 
 SQUARE = np.array([[-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [0.1, 0.05, 0.0]])
 _LEFT = np.array([0.0, 0.1, 0.0])
@@ -22,7 +22,7 @@ def settings() -> FilterSettings:
     return read_section(FilterSettings, "filter")
 
 
-def track(num_frames: int = 91, **changes) -> Track:
+def track(num_frames: int = 91, **changes) -> SupportTrack:
     """Somebody who stands on two flat feet."""
     values = {
         "fps": FPS,
@@ -35,7 +35,7 @@ def track(num_frames: int = 91, **changes) -> Track:
         "speed_unit": "m/s",
     }
     sole_w = changes.pop("sole_w", np.tile(FEET, (num_frames, 1, 1, 1)))
-    return Track(**(values | {"sole_w": sole_w, "bearing_w": sole_w.reshape(len(sole_w), -1, 3)} | changes))
+    return SupportTrack(**(values | {"sole_w": sole_w, "bearing_w": sole_w.reshape(len(sole_w), -1, 3)} | changes))
 
 
 def rising(height_m: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from motion.clip import save_clip
 from sim2sim.cli import main
 from sim2sim.evaluation import evaluate, run_names
 from sim2sim.player import Player
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 from sim2sim.video import open_stage
 from tests.shared_data import SHARED, needs_shared_data
 from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
@@ -47,8 +47,8 @@ def draw_in_software(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KATA_RENDERER", "software")
 
 
-def request(*policies: str, **changes: object) -> Request:
-    return replace(Request(policies, start_noise_rad=0.02, episodes=3, seed=5), **changes)
+def request(*policies: str, **changes: object) -> EvaluationRequest:
+    return replace(EvaluationRequest(policies, start_noise_rad=0.02, episodes=3, seed=5), **changes)
 
 
 def test_same_seed_same_document_and_processes_change_nothing(still: str) -> None:
@@ -107,15 +107,15 @@ def test_a_fall_ends_the_episode_and_counts(falling: str, still: str) -> None:
 
 
 def test_conditions_reach_the_simulation() -> None:
-    options = Request(("x",), friction=0.4, delay_s=0.02, push_m_s=0.5, randomize=True).sim_options()
+    options = EvaluationRequest(("x",), friction=0.4, delay_s=0.02, push_m_s=0.5, randomize=True).sim_options()
     assert (options.friction, options.command_delay_s, options.push_speed_m_s) == (0.4, 0.02, 0.5)
     assert options.randomize and options.timestep_s == 0.001
-    plain = Request(("x",), sim="reference").sim_options()
+    plain = EvaluationRequest(("x",), sim="reference").sim_options()
     assert (plain.friction, plain.randomize, plain.timestep_s) == (None, False, 0.005)
 
 
 def test_seeds_share_no_episode() -> None:
-    draws = {float(Request(("x",), seed=s).generator(e).normal()) for s in (0, 1, 2) for e in range(50)}
+    draws = {float(EvaluationRequest(("x",), seed=s).generator(e).normal()) for s in (0, 1, 2) for e in range(50)}
     assert len(draws) == 150
 
 

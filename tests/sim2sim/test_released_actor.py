@@ -4,7 +4,7 @@ import pytest
 
 from sim2sim.evaluation import evaluate
 from sim2sim.player import Player
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 from tests.shared_data import SHARED, needs_shared_data
 
 # Means over 12 noisy starts, from the README of the data, and how far they may be off.
@@ -21,7 +21,7 @@ FOLDER = SHARED / "pbhc"
 
 def released(**conditions: object) -> Player:
     return Player(
-        Request(
+        EvaluationRequest(
             (str(FOLDER / "actor_horse_stance_pose" / "model_50000.onnx"),),
             motion=str(FOLDER / "Horse-stance_pose.pkl"),
             sim="reference",

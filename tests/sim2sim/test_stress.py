@@ -9,7 +9,7 @@ from core.errors import InputError
 from sim2sim.cli import main
 from sim2sim.evaluation import evaluate
 from sim2sim.player import Player
-from sim2sim.request import Request
+from sim2sim.request import EvaluationRequest
 from sim2sim.stress import Condition, load_conditions, stress, stress_document, stress_table
 from tests.sim2sim.toys import write_still_actor
 
@@ -22,13 +22,15 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(write_still_actor(tmp_path_factory.mktemp("still") / "actor.onnx"))
 
 
-def played(request: Request):
+def played(request: EvaluationRequest):
     return evaluate(Player(request), workers=1)
 
 
 def test_rows_are_what_each_condition_gives_alone(still: str) -> None:
-    rows = stress(Request((still,), start_noise_rad=0.02, seed=3), [SLIPPERY, KICKED], played)
-    alone = Request((still,), sim="default", start_noise_rad=0.02, delay_s=0.02, push_m_s=0.5, episodes=1, seed=3)
+    rows = stress(EvaluationRequest((still,), start_noise_rad=0.02, seed=3), [SLIPPERY, KICKED], played)
+    alone = EvaluationRequest(
+        (still,), sim="default", start_noise_rad=0.02, delay_s=0.02, push_m_s=0.5, episodes=1, seed=3
+    )
     document = stress_document(rows)["conditions"]
     assert [entry["name"] for entry in document] == ["slippery", "kicked"]
     assert document[1]["result"] == played(alone).document()
@@ -36,7 +38,7 @@ def test_rows_are_what_each_condition_gives_alone(still: str) -> None:
 
 
 def test_another_model_belongs_to_the_reference_simulation() -> None:
-    asked = Request(("a",), sim_model=Path("robot.xml"))
+    asked = EvaluationRequest(("a",), sim_model=Path("robot.xml"))
     assert SLIPPERY.of(asked).sim_model == Path("robot.xml")
     assert KICKED.of(asked).sim_model is None
 
@@ -44,7 +46,7 @@ def test_another_model_belongs_to_the_reference_simulation() -> None:
 def test_the_table_counts_falls_per_policy_and_condition(still: str, tmp_path: Path) -> None:
     offsets = {f"{side}_{joint}_joint": 0.7 for side in ("left", "right") for joint in ("hip_pitch", "ankle_pitch")}
     falling = str(write_still_actor(tmp_path / "falling.onnx", 3.0, offsets))
-    table = stress_table(stress(Request((still, falling)), [SLIPPERY], played))
+    table = stress_table(stress(EvaluationRequest((still, falling)), [SLIPPERY], played))
     first, second = table.split("\n\n")[:2]
     assert "slippery" in first and "0 of 2" in first
     assert "2 of 2" in second

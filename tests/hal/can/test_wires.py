@@ -11,7 +11,7 @@ import pytest
 
 from hal.can.bus import CanBus
 from hal.can.frame import Frame
-from hal.can.link import Link
+from hal.can.link import CanLink
 from hal.can.setup import prepare, switch_off, switch_on
 from hal.can.talk import ask
 from hal.contract.types import DeviceError
@@ -96,12 +96,12 @@ def test_an_adapter_that_vanishes_is_an_error_in_words() -> None:
 def test_nobody_there() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    link = Link("leg", {"interface": "socketcand", "host": "127.0.0.1", "port": port, "channel": "can0"})
+    link = CanLink("leg", {"interface": "socketcand", "host": "127.0.0.1", "port": port, "channel": "can0"})
     begun_s = time.monotonic()
     with pytest.raises(DeviceError, match="bus leg: cannot open socketcand can0"):
         link.open()
     assert time.monotonic() - begun_s < 5.0
-    missing = Link("leg", {"interface": "socketcan", "channel": "can77", "bitrate": 1_000_000})
+    missing = CanLink("leg", {"interface": "socketcan", "channel": "can77", "bitrate": 1_000_000})
     with pytest.raises(DeviceError, match="bus leg: cannot open socketcan can77"):
         missing.open()
 

@@ -14,7 +14,7 @@ from hal.emulator import cli, device
 from hal.emulator.control import ControlClient
 from hal.emulator.device import Worker, device_class, fault_kinds
 from hal.emulator.emulation import Emulation
-from hal.emulator.faults import Fault
+from hal.emulator.faults import EmulatedFault
 from hal.emulator.keyboard import FAULT_OF_KEY, OTHER_KEYS, FaultKeys
 from tests.hal.emulator.rig import G1, WirelessDevice
 
@@ -61,8 +61,8 @@ def test_unknown_kinds_bad_configurations_and_bad_faults_are_refused_before_anyt
     with pytest.raises(InputError, match="bad configuration"):
         Emulation("wireless", "bad", G1)
     with pytest.raises(InputError, match="unknown key"):
-        Emulation("wireless", None, G1, faults=[Fault("silence", "bus7")])
-    Emulation("wireless", None, G1, faults=[Fault("sneeze", "bus0", 2.0)])
+        Emulation("wireless", None, G1, faults=[EmulatedFault("silence", "bus7")])
+    Emulation("wireless", None, G1, faults=[EmulatedFault("sneeze", "bus0", 2.0)])
 
 
 def test_a_wire_that_cannot_be_opened_leaves_nothing_running(monkeypatch):

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
-from hal.emulator.faults import COMMON_KINDS, UNHARMED, DelayLine, Fault, Faults, parse_fault
+from hal.emulator.faults import COMMON_KINDS, UNHARMED, DelayLine, EmulatedFault, Faults, parse_fault
 from tests.hal.emulator.rig import FakeTime
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("silence", Fault("silence")),
-        ("silence:left_knee_joint@5+0.5", Fault("silence", "left_knee_joint", None, 5.0, 0.5)),
-        ("delay=0.04", Fault("delay", "*", 0.04)),
-        ("fault_code:bus0=-3@2", Fault("fault_code", "bus0", -3.0, 2.0)),
+        ("silence", EmulatedFault("silence")),
+        ("silence:left_knee_joint@5+0.5", EmulatedFault("silence", "left_knee_joint", None, 5.0, 0.5)),
+        ("delay=0.04", EmulatedFault("delay", "*", 0.04)),
+        ("fault_code:bus0=-3@2", EmulatedFault("fault_code", "bus0", -3.0, 2.0)),
     ],
 )
 def test_a_fault_is_read_from_text(text, expected):
@@ -31,17 +31,17 @@ def test_text_that_is_no_fault_is_refused(text):
 
 def test_unknown_kinds_and_keys_and_needless_values_are_refused():
     with pytest.raises(InputError, match="unknown fault"):
-        Faults([Fault("hiccup")])
+        Faults([EmulatedFault("hiccup")])
     with pytest.raises(InputError, match="takes no value"):
-        Faults([Fault("silence", value=1.0)])
-    faults = Faults([Fault("silence", "left_toe_joint")])
+        Faults([EmulatedFault("silence", value=1.0)])
+    faults = Faults([EmulatedFault("silence", "left_toe_joint")])
     with pytest.raises(InputError, match="left_toe_joint"):
         faults.begin(["left_knee_joint"])
 
 
 def test_a_fault_strikes_in_its_time_and_only_its_key():
     time = FakeTime()
-    faults = Faults([Fault("silence", "knee", start_s=1.0, duration_s=0.5)], now=time)
+    faults = Faults([EmulatedFault("silence", "knee", start_s=1.0, duration_s=0.5)], now=time)
     time.now_s += 30.0
     faults.begin(["knee", "hip", "bus0"])
     struck = []
@@ -53,7 +53,7 @@ def test_a_fault_strikes_in_its_time_and_only_its_key():
 
 
 def test_a_key_may_be_any_of_the_names_a_frame_goes_by_and_a_star_is_everything():
-    faults = Faults([Fault("delay", "bus0", 0.04)])
+    faults = Faults([EmulatedFault("delay", "bus0", 0.04)])
     assert faults.fate("knee", "bus0").delay_s == 0.04
     assert faults.fate("knee", "bus1").delay_s == 0.0
     faults.add("over_temperature")
@@ -89,7 +89,7 @@ def test_the_document_lists_every_kind_with_its_default():
 
 
 def test_chances_are_kept():
-    faults = Faults([Fault("drop", value=0.25), Fault("jitter", value=0.01)], seed=1)
+    faults = Faults([EmulatedFault("drop", value=0.25), EmulatedFault("jitter", value=0.01)], seed=1)
     fates = [faults.fate("knee") for _ in range(4000)]
     assert np.mean([fate.lost for fate in fates]) == pytest.approx(0.25, abs=0.03)
     delays = [fate.delay_s for fate in fates]

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.clock import MonotonicClock
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
-from hal.simulated.faults import Fault
+from hal.simulated.faults import MockFault
 from hal.simulated.mock import MockBackend, MockOptions
 from hal.wire.backend import WireBackend
 from hal.wire.driver import Cycle
@@ -29,7 +29,7 @@ class FakeFactory:
     """
 
     journal: Path | None = None
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[MockFault, ...] = ()
     refuse: str | None = None
     refuse_with: type[Exception] = DeviceFault
     fail_at_s: float = float("inf")
