@@ -57,6 +57,34 @@ def test_feet_carry_the_weight():
     assert sim.state().body_force_n.max() == 0.0
 
 
+def test_the_torque_is_what_acted_in_the_last_substep():
+    """Own gains, the delayed target and the limit: the PD law worked out on the state before the last sub-step."""
+    robot = g1()
+    one_step = (0.02, 0.02)
+    sim = simulator(DomainRanges(kp_scale=(1.1, 1.1), kd_scale=(0.9, 0.9), delay_s=one_step), num_envs=1)
+    qpos, qvel = standing(1)
+    sim.reset(torch.arange(1), qpos, qvel)
+    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model.actuator_gainprm[:, 0] *= 1.1
+    model.actuator_biasprm[:, 1] *= 1.1
+    model.actuator_biasprm[:, 2] *= 0.9
+    first, second = (torch.tensor(robot.default_pos_rad).float()[None] for _ in range(2))
+    first[0, 15], first[0, 3], second[0, 16] = 0.3, 4.0, 1.5
+    sim.step(first)
+    sim.step(second)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[0].double(), qvel[0].double(), first[0].double()
+    for step in range(8):
+        if step % 4 == 0:
+            data.qacc_warmstart[:] = 0.0
+        pos, vel = data.qpos[7:].copy(), data.qvel[6:].copy()
+        mujoco.mj_step(model, data)
+    wanted = 1.1 * robot.kp * (first[0].double().numpy() - pos) - 0.9 * robot.kd * vel
+    limited = np.clip(wanted, -robot.torque_limit_nm, robot.torque_limit_nm)
+    assert (limited != wanted).any() and (limited == wanted).any()
+    assert sim.state().torque_nm[0].numpy() == pytest.approx(limited, rel=1e-3, abs=0.05)
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02, 0.03, 0.04])
 def test_a_target_acts_after_the_delay(delay_s):
     """A jump of one target moves its joint only after the delay: compared with a run in which the jump comes late."""

@@ -128,8 +128,8 @@ def joint_velocity_limits(t: Tick) -> torch.Tensor:
 
 @DIRECT
 def torque_limits(t: Tick) -> torch.Tensor:
-    """Sum over joints of the torque beyond the soft limit, Nm."""
-    return (t.torque_nm.abs() - t.limits.torque_nm).clamp(min=0.0).sum(dim=1)
+    """Sum over joints of the torque beyond the soft limit, each at most 1 Nm."""
+    return (t.physics.torque_nm.abs() - t.limits.torque_nm).clamp(0.0, 1.0).sum(dim=1)
 
 
 @DIRECT
@@ -194,7 +194,7 @@ def stumble(t: Tick) -> torch.Tensor:
 @DIRECT
 def torque(t: Tick) -> torch.Tensor:
     """Sum of squared torques, Nm²."""
-    return t.torque_nm.square().sum(dim=1)
+    return t.physics.torque_nm.square().sum(dim=1)
 
 
 @DIRECT

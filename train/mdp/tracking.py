@@ -64,7 +64,6 @@ class TrackingEnv:
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._physics = Physics(simulator, robot, device)
         self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
-        self._torque_limit = torch.tensor(robot.torque_limit_nm, device=device).float()
         self.observations = Observations(robot, s.actor_group(), s.observation_noise, device)
         self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
         self.rewards = RewardSum(
@@ -130,7 +129,7 @@ class TrackingEnv:
         self._physics.step(targets)
         state.tick += 1
         state.episode_steps += 1
-        t = self._after_physics(action, targets)
+        t = self._after_physics(action)
         rewards = self.rewards.of(t, self.curricula["penalty_scale"].value)
         timed_out = self.command.is_over(state) & ~t.terminated
         ended = t.terminated | timed_out
@@ -142,11 +141,10 @@ class TrackingEnv:
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
-    def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
+    def _after_physics(self, action: torch.Tensor) -> Tick:
         state = self.state
         physics, self.diverged = without_diverged(self._physics.state(), state.physics)
         bodies = self._physics.bodies(physics)
-        torque = self.limits.kp * (targets - physics.joint_pos_rad) - self.limits.kd * physics.joint_vel_rad_s
         contact = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
         t = Tick(
             physics=physics,
@@ -154,7 +152,6 @@ class TrackingEnv:
             reference=state.target,
             action=action,
             last_action=state.last_action,
-            torque_nm=torch.clamp(torque, -self._torque_limit, self._torque_limit),
             contact=contact,
             first_contact=contact & (state.air_time_s > 0.0),
             air_time_s=state.air_time_s + CONTROL_PERIOD_S,

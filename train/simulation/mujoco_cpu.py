@@ -22,6 +22,16 @@ _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_
 _NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
+def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
+    for actuator in spec.actuators:
+        spec.add_sensor(
+            name=f"torque_{actuator.name}",
+            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
+            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
+            objname=actuator.name,
+        )
+
+
 def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
     for body in bodies:
         spec.add_sensor(
@@ -69,6 +79,7 @@ class MujocoCpuSimulator:
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
 
         def edit(spec: mujoco.MjSpec) -> None:
+            _add_torque_sensors(spec)
             _add_contact_sensors(spec, self._sensed)
 
         model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
@@ -179,8 +190,10 @@ class MujocoCpuSimulator:
         """See :class:`train.simulation.simulator.Simulator`."""
         values = self._state[:, 1:].float()
         qpos, qvel = values[:, : self._nq], values[:, self._nq : self._nq + self._nv]
-        # Contact sensors are the last ones; they give the force that the body exerts.
-        force = -self._sensors[:, -1, -3 * len(self._sensed) :].float().unflatten(1, (-1, 3))
+        # Contact sensors are the last ones, after those of torques; they give the force that the body exerts.
+        contacts = 3 * len(self._sensed)
+        torque, force = self._sensors[:, -1, -contacts - self._nu :].float().split([self._nu, contacts], dim=1)
+        force = -force.unflatten(1, (-1, 3))
         return PhysicsState(
             root_pos_w=qpos[:, :3],
             root_quat_wxyz=qpos[:, 3:7],
@@ -188,6 +201,7 @@ class MujocoCpuSimulator:
             root_ang_vel_b=qvel[:, 3:6],
             joint_pos_rad=qpos[:, 7:],
             joint_vel_rad_s=qvel[:, 6:],
+            torque_nm=torque,
             foot_force_w=force[:, :2],
             body_force_n=force[:, 2:].norm(dim=-1),
         )
