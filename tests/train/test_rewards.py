@@ -173,10 +173,10 @@ def test_limits():
 def test_feet():
     t = on_reference()
     speed = torch.zeros(1, POINTS, 3)
-    speed[0, 1], speed[0, 2] = torch.tensor([3.0, 4.0, 0.0]), torch.tensor([0.0, 2.0, 0.0])
+    speed[0, 1], speed[0, 2] = torch.tensor([2.0, 3.0, 6.0]), torch.tensor([0.0, 2.0, 0.0])
     sliding = replace(t, bodies=replace(t.bodies, lin_vel_w=speed), contact=torch.tensor([[True, False]]))
-    assert value(rewards.slippage, sliding) == 5.0
-    assert value(rewards.slippage_squared, sliding) == 25.0
+    assert value(rewards.slippage, sliding) == 7.0  # all three axes in the code,
+    assert value(rewards.slippage_squared, sliding) == 13.0  # the horizontal ones in the paper
     landing = replace(t, first_contact=torch.tensor([[True, False]]), air_time_s=torch.tensor([[0.5, 0.4]]))
     assert value(rewards.feet_air_time, landing) == pytest.approx(0.2)
     assert value(rewards.feet_air_time_indicator, landing) == 2.0

@@ -150,20 +150,16 @@ def torque_limits_indicator(t: Tick) -> torch.Tensor:
     return (torque_limits(t) > 0).float()
 
 
-def _foot_speed(t: Tick) -> torch.Tensor:
-    return t.bodies.lin_vel_w[:, t.limits.feet].norm(dim=-1)
-
-
 @DIRECT
 def slippage(t: Tick) -> torch.Tensor:
     """Sum of the speeds of feet in contact, m/s (the code's form)."""
-    return (_foot_speed(t) * t.contact).sum(dim=1)
+    return (t.bodies.lin_vel_w[:, t.limits.feet].norm(dim=-1) * t.contact).sum(dim=1)
 
 
 @DIRECT
 def slippage_squared(t: Tick) -> torch.Tensor:
-    """Sum of the squared speeds of feet in contact, (m/s)² (the paper's form)."""
-    return (_foot_speed(t).square() * t.contact).sum(dim=1)
+    """Sum of the squared horizontal speeds of feet in contact, (m/s)² (the paper's form)."""
+    return (t.bodies.lin_vel_w[:, t.limits.feet, :2].square().sum(dim=-1) * t.contact).sum(dim=1)
 
 
 @DIRECT
