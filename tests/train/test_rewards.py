@@ -43,6 +43,7 @@ def on_reference() -> Tick:
         action=joints,
         last_action=joints,
         contact=touching,
+        landed=touching,
         first_contact=~touching,
         air_time_s=torch.zeros(1, 2),
         acceleration_error_m=three,

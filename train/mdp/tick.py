@@ -140,7 +140,8 @@ class Tick:
         reference: the row that this state is compared with.
         action, last_action: (B, J) raw actions of this and the step before.
         contact: (B, 2) whether each foot is pressed on anything by more than 1 N.
-        first_contact: (B, 2) whether that contact is new.
+        landed: (B, 2) whether it is on the ground: in contact now or a tick ago, as contacts flicker.
+        first_contact: (B, 2) whether that is new.
         air_time_s: (B, 2) time in the air up to this step.
         acceleration_error_m: (B, 27, 3) second difference over control steps of the points' position errors.
         error_limit_m: how far a point may be from its reference now.
@@ -154,6 +155,7 @@ class Tick:
     action: torch.Tensor
     last_action: torch.Tensor
     contact: torch.Tensor
+    landed: torch.Tensor
     first_contact: torch.Tensor
     air_time_s: torch.Tensor
     acceleration_error_m: torch.Tensor

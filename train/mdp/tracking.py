@@ -95,6 +95,7 @@ class TrackingEnv:
             episode_steps=steps,
             uniform_start=torch.zeros(envs, dtype=torch.bool, device=device),
             last_action=torch.zeros(envs, self.num_actions, device=device),
+            contact=torch.zeros(envs, 2, dtype=torch.bool, device=device),
             air_time_s=torch.zeros(envs, 2, device=device),
             position_error_m=torch.zeros_like(bodies.pos_w),
             error_change_m=torch.zeros_like(bodies.pos_w),
@@ -146,6 +147,7 @@ class TrackingEnv:
         physics, self.diverged = without_diverged(self._physics.state(), state.physics)
         bodies = self._physics.bodies(physics)
         contact = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
+        landed = contact | state.contact
         t = Tick(
             physics=physics,
             bodies=bodies,
@@ -153,7 +155,8 @@ class TrackingEnv:
             action=action,
             last_action=state.last_action,
             contact=contact,
-            first_contact=contact & (state.air_time_s > 0.0),
+            landed=landed,
+            first_contact=landed & (state.air_time_s > 0.0),
             air_time_s=state.air_time_s + CONTROL_PERIOD_S,
             acceleration_error_m=(
                 bodies.pos_w - state.target.body_pos_w - state.position_error_m - state.error_change_m
@@ -169,7 +172,7 @@ class TrackingEnv:
         """Hand what the next step starts from over to it."""
         state = self.state
         state.last_action = t.action.clone()
-        state.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
+        state.contact, state.air_time_s = t.contact, torch.where(t.landed, 0.0, t.air_time_s)
         position_error_m = t.bodies.pos_w - t.reference.body_pos_w
         state.error_change_m = position_error_m - state.position_error_m
         state.position_error_m = position_error_m
@@ -214,7 +217,7 @@ class TrackingEnv:
         self._physics.reset(env_ids, start.qpos, start.qvel)
         self.command.begin(state, env_ids, start)
         state.last_action[env_ids] = 0.0
-        state.air_time_s[env_ids] = 0.0
+        state.contact[env_ids], state.air_time_s[env_ids] = False, 0.0
         physics = self._physics.state().rows(env_ids)
         bodies = self._physics.bodies(physics)
         state.physics.write(env_ids, physics)
