@@ -220,3 +220,17 @@ def test_a_push_adds_velocity():
     sim.reset(torch.arange(2), *standing(2))
     sim.push(torch.tensor([1]), torch.tensor([[0.3, -0.2]]))
     assert sim.state().root_lin_vel_w.tolist() == [[0.0, 0.0, 0.0], pytest.approx([0.3, -0.2, 0.0])]
+
+
+def test_each_joint_has_its_own_size_of_torque_noise():
+    """Of 5 % of the limit times U(0.5, 1.5): drawn uniformly in ± that, so that its standard deviation is that / √3."""
+    sim = simulator(DomainRanges(torque_noise=0.05), num_envs=8)
+    sim.reset(torch.arange(8), *standing(8))
+    target = torch.tensor(g1().default_pos_rad).float().repeat(8, 1)
+    noises = []
+    for _ in range(100):
+        sim.step(target)
+        noises.append(sim._control[..., 23 + 6 :].clone())
+    share = torch.stack(noises, dim=1).flatten(1, 2).std(dim=1) / torch.tensor(g1().torque_limit_nm) * 3**0.5 / 0.05
+    assert 0.45 < share.min() < 0.6 and 1.4 < share.max() < 1.6
+    assert share.std(dim=1).min() > 0.15 and share.mean() == pytest.approx(1.0, abs=0.1)

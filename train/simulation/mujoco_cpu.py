@@ -113,7 +113,7 @@ class MujocoCpuSimulator:
         self._lag = torch.zeros(envs, steps, dtype=torch.long)
         self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
-        self._torque_noise = torch.zeros(envs, 1, 1)
+        self._torque_noise = torch.zeros(envs, 1, self._robot.num_joints)
         self._fresh = torch.ones(envs, dtype=torch.bool)
 
     def set_randomization(self, scale: float) -> None:
@@ -142,7 +142,7 @@ class MujocoCpuSimulator:
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
         offset = uniform((count, joints), -1.0, 1.0, self.episodes) * ranges.torque_offset
         self._torque_offset[env_ids] = offset * differs * self._torque_limit
-        noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
+        noise = uniform((count, 1, joints), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise * differs[..., None]
 
     def _draw_delay(self, count: int) -> torch.Tensor:
