@@ -16,24 +16,26 @@ from core.signals import StopRequest
 from motion.clip import Clip, load_clip, save_clip
 from motion.library import open_motion
 from motion.reference import build_reference
+from policy.observation import pbhc_actor_group
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
-from train.interface import TrackingEnv
+from train.hooks import Budget, Checkpointing, Evaluation, Reporting, Stopping
+from train.interface import Environment
 from train.learner.build import build_learner
+from train.lineage import Source, begin_from, find_source
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
 from train.mdp.tracking import CONTROL_PERIOD_S
 from train.nan_guard import replay
-from train.priors.build import base_action_of
-from train.priors.trim import Trim
+from train.priors.build import prior_of
 from train.progress import TIME_PREFIX, Progress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import RunReport, story
-from train.runner import Budget, Runner
+from train.runner import Runner
 
 EVALUATION_SEED = 12345
 
@@ -48,6 +50,7 @@ class Setup:
     clip: Clip
     run_dir: Path
     state: dict[str, Any] | None
+    source: Source | None = None
 
     @property
     def motion_name(self) -> str:
@@ -65,7 +68,12 @@ def new_setup(document: dict[str, Any]) -> Setup:
         document = {**document, "robot": str(Path(config.robot).resolve())}
     run_dir = _new_run_dir(config)
     document = {**document, "run_dir": str(run_dir)}
-    return Setup(document, check(document), robot, clip, run_dir, None)
+    source = (
+        None
+        if config.init_from is None
+        else find_source(config.init_from, robot, pbhc_actor_group(older_lags=config.environment.older_ticks()))
+    )
+    return Setup(document, check(document), robot, clip, run_dir, None, source)
 
 
 def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
@@ -90,34 +98,31 @@ def train(setup: Setup) -> None:
     _begin_folder(setup)
     report = RunReport(setup.run_dir, setup.document, machine_facts(config))
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
-    base = base_action_of(
+    prior = prior_of(
         config, setup.robot, reference,
         fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
     )  # fmt: skip
-    learner = build_learner(config, env, base)
-    budget = Budget(
-        config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_first
-    )
+    learner = build_learner(config, env, prior)
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, reference, seed=EVALUATION_SEED, threads=config.threads
     )
-    trimmer = None
-    if base is not None:
-        trimmer = Trim(
-            base, config.environment, setup.robot, reference,
-            num_envs=config.num_envs, seed=EVALUATION_SEED, threads=config.threads,
-        )  # fmt: skip
-    runner = Runner(
-        env, learner, budget, setup.run_dir, setup.document, progress, evaluator, trimmer,
-        should_stop=lambda: stop.asked,
-    )  # fmt: skip
+    evaluation = Evaluation(evaluator, config.evaluate_every)
+    budget = Budget(config.iterations, config.minutes)
+    hooks = [
+        evaluation,
+        Reporting(progress, budget),
+        Checkpointing(Checkpoints(setup.run_dir), config.checkpoint_every, progress),
+        Stopping(budget, lambda: stop.asked),
+    ]
+    lineage = None if setup.source is None else begin_from(setup.source, learner, progress.say)
+    runner = Runner(env, learner, setup.run_dir, setup.document, hooks, lineage)
     runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
         _restore(runner, setup)
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
-        outcome = runner.run()
-        _export(setup, runner, progress, outcome, code)
+        runner.run()
+        _export(setup, runner, evaluation, progress, code)
         progress.say(f"report {report.finish()}")
     finally:
         progress.close()
@@ -143,15 +148,16 @@ def replay_dump(path: Path) -> str:
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
 
 
-def environment_of(setup: Setup) -> TrackingEnv:
+def environment_of(setup: Setup) -> Environment:
     """The environment that a run trains in, at its beginning."""
     config = setup.config
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     build = partial(build_environment, config.environment, setup.robot, reference, seed=config.seed)
-    if config.learner.paired_steps is None:
+    exploration = config.learner.exploration
+    if exploration.kind == "gaussian":
         return build(num_envs=config.num_envs, threads=config.threads)
     leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
-    return PairedEnv(leaders, twins, config.learner.paired_steps)
+    return PairedEnv(leaders, twins, exploration.steps)
 
 
 def _new_run_dir(config: TrainConfig) -> Path:
@@ -193,20 +199,21 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
-def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code: str) -> None:
+def _export(setup: Setup, runner: Runner, evaluation: Evaluation, progress: Progress, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
-    actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
+    actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {
         "motion": setup.motion_name,
         "seed": setup.config.seed,
         "iterations": runner.iteration,
         "samples": runner.samples,
-        "exported_iteration": runner.best.iteration or runner.iteration,
-        "evaluation": runner.best.figures,
+        "exported_iteration": best.iteration or runner.iteration,
+        "evaluation": best.figures,
         "config_sha256": fingerprint(setup.document),
         "code": code,
         "precision": setup.config.precision,
         "threads": setup.config.threads,
+        **({} if runner.lineage is None else {"lineage": dict(runner.lineage)}),
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
     lags = setup.config.environment.older_ticks()
@@ -219,7 +226,7 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code
         **facts,
         "actor": ACTOR_FILE,
         "actor_sha256": digest,
-        "last_evaluation": finite_or_none(runner.judged),
+        "last_evaluation": finite_or_none(evaluation.judged),
         "last_iteration": dict(last),
         "machine": machine_facts(setup.config),
     }

@@ -1,6 +1,7 @@
 """The motion tracking environment (PBHC): one clip per environment, one step per control period."""
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 from typing import Any
 
@@ -66,7 +67,7 @@ class TrackingEnv:
         self.most_steps = round(settings.termination.max_episode_s / CONTROL_PERIOD_S)
         self.last_tick = table.num_ticks + round(settings.termination.hold_s / CONTROL_PERIOD_S)
         self.limits = RobotLimits.of(robot, torque_factor=settings.torque_soft_factor)
-        self.phase_knots = (
+        self._phase_knots = (
             num_knots(int(table.num_ticks.max()) * CONTROL_PERIOD_S) if settings.critic_phase_knots else 0
         )
         self._torque_limit = torch.tensor(robot.torque_limit_nm).float()
@@ -77,8 +78,9 @@ class TrackingEnv:
         self._bodies = self._forward(self._physics)
         self.position_error_m, self.error_change_m = (torch.zeros_like(self._bodies.pos_w) for _ in range(2))
         self._target = self._next_target()
-        observations = self.reset()
-        self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
+        actor = {"terms": self.reset()["actor"]}
+        self.layout = {"actor": _columns(actor), "critic": _columns(self._critic_terms(torch.arange(1)))}
+        self.device = self.tick.device
 
     def _allocate(self, robot: Robot) -> None:
         s, envs = self.settings, self.num_envs
@@ -246,17 +248,20 @@ class TrackingEnv:
         return {"actor": self.observations.actor(), "critic": self._critic(torch.arange(self.num_envs))}
 
     def _critic(self, rows: torch.Tensor) -> torch.Tensor:
+        return torch.cat([*self._critic_terms(rows).values()], dim=1).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)
+
+    def _critic_terms(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
         physics = PhysicsState(*(value[rows] for value in vars(self._physics).values()))
         bodies = Bodies(*(value[rows] for value in self._bodies))
-        return torch.cat(
-            [
-                self.observations.critic_history[rows].flatten(1),
-                reference_view(physics, bodies, self._target.body_pos_w[rows]),
-                domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
-                phase_hats((self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0), self.phase_knots),
-            ],
-            dim=1,
-        ).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP)
+        terms = {
+            "history": self.observations.critic_history[rows].flatten(1),
+            "reference": reference_view(physics, bodies, self._target.body_pos_w[rows]),
+            "domain": domain_view(self.simulator.domain, self.simulator.delay_s)[rows],
+        }
+        if self._phase_knots:
+            phase = (self.tick[rows] / self.num_ticks[self.clip[rows]]).clamp(max=1.0)
+            terms["phase_knots"] = phase_hats(phase, self._phase_knots)
+        return terms
 
     def finish_iteration(self) -> None:
         """Apply what changes between iterations only, as it touches every model: the width of the randomisation."""
@@ -327,6 +332,11 @@ _BUFFERS = (
     "observations.actor_history", "observations.critic_history", "pushes.wait_s",
     "anchor.place_m", "anchor.heading_rad",
 )  # fmt: skip
+
+
+def _columns(terms: Mapping[str, torch.Tensor]) -> dict[str, slice]:
+    ends = [0, *itertools.accumulate(term.shape[1] for term in terms.values())]
+    return {name: slice(*part) for name, part in zip(terms, itertools.pairwise(ends), strict=True)}
 
 
 def _write_rows(tables: Iterable[torch.Tensor], rows: torch.Tensor, values: Iterable[torch.Tensor]) -> None:
