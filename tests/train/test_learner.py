@@ -7,8 +7,10 @@ import pytest
 import torch
 from torch.distributions import Independent, Normal, kl_divergence
 
+from core.errors import InputError
 from tests.train.point_mass import PointMassEnv
 from tests.train.point_mass_run import make_learner, make_runner
+from train.config import check, compose_document
 from train.interface import StepResult
 from train.learner import gaussian, losses
 from train.learner.antithetic import Antithetic
@@ -299,3 +301,37 @@ def test_learns_to_follow_the_circle(tmp_path, value):
     assert last > 1.6 * first
     first, last = (sum(row["eg_mpbpe_mm"] for row in part) / 5 for part in (rows[:5], rows[-5:]))
     assert last < 0.75 * first  # lost masses start again near the circle, which flatters the beginning
+
+
+def test_the_critic_of_the_default_preset_keeps_its_rate_while_the_actors_falls():
+    settings = check(compose_document(["motion=none"])).learner
+    env = PointMassEnv()
+    rate = settings.critic_learning_rate
+    learner = make_learner(env, f"learner.critic_learning_rate={rate}", "learner.kl_target=1e-9")
+    for _ in range(3):
+        learner.update(collect(learner, env))
+    actor, critic = (group["lr"] for group in learner.optimizer.param_groups)
+    assert critic == rate == 3e-4
+    assert actor < 0.5 * learner.settings.learning_rate
+
+
+class TowardsZero:
+    """A loss as an adversary or a teacher would add one: the mean action is to be zero."""
+
+    def __init__(self, settings):
+        pass
+
+    def __call__(self, now):
+        loss = now.mean.square().mean()
+        return loss, {"towards_zero": loss}
+
+
+def test_another_loss_is_a_class_and_a_line(monkeypatch):
+    monkeypatch.setattr(losses, "LOSSES", {**losses.LOSSES, "towards_zero": TowardsZero})
+    env = PointMassEnv()
+    only = ("learner.losses.surrogate=0", "learner.losses.entropy=0", "+learner.losses.towards_zero=10")
+    learner = make_learner(env, *only)
+    figures = [learner.update(collect(learner, env))["towards_zero"] for _ in range(8)]
+    assert figures[-1] < 0.3 * figures[0]
+    with pytest.raises(InputError, match=r"learner.losses.nosuch: unknown loss"):
+        make_learner(env, "+learner.losses.nosuch=1")
