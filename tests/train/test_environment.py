@@ -16,6 +16,7 @@ from motion.reference import build_reference
 from policy.history import ObservationHistory
 from policy.observation import ObservationInput, pbhc_actor_group, sample_terms, term_dims
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
+from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
 from train.mdp.settings import CurriculumSettings
 from train.mdp.tick import ReferenceTable
@@ -31,7 +32,7 @@ def hold(env) -> torch.Tensor:
 
 def test_observation_sizes_are_those_of_the_paper():
     env = small_env()
-    assert (env.actor_obs_dim, env.critic_obs_dim, env.num_actions) == (380, 630, 23)
+    assert (width(env.layout["actor"]), width(env.layout["critic"]), env.num_actions) == (380, 630, 23)
 
 
 def test_the_critic_may_see_the_phase_by_knots():
@@ -39,7 +40,7 @@ def test_the_critic_may_see_the_phase_by_knots():
     env = small_env(start=FIRST_FRAME, critic_phase_knots=True)
     for _ in range(15):
         observations = env.step(hold(env)).observations
-    assert env.critic_obs_dim == 630 + 6
+    assert width(env.layout["critic"]) == 630 + 6
     assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
 
 

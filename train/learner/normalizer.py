@@ -46,7 +46,7 @@ class PhaseNormalizer(nn.Module):
             ("mean", (columns,), 0.0), ("usual", (knots, columns), 0.0),
             ("spread", (columns,), 1.0), ("spread_off", (columns,), 1.0),
         ):  # fmt: skip
-            self.register_buffer(name, torch.full(shape, value))
+            self.register_buffer(name, torch.full(shape, value, device="cpu"))
 
     def forward(self, observation: Tensor) -> Tensor:
         """(..., n) → (..., n): off the usual, in spreads, and the knots' weights."""
