@@ -5,7 +5,7 @@ Holds the actor of the newest checkpoint still, goes on with its robots and take
 "signal": squared mean gradient over mean squared gradient, 1 without noise. "aim": cosine between the gradient of one
 batch and the mean gradient by Monte Carlo returns; a step of given length brings that share of what it could. Aims
 share the noise of that mean: compare them within one call. Every number of a gradient is scaled as Adam would.
-Of a run with pairs (learner.paired_steps) "pairs" are advantages from all robots' differences to their twins, the rest
+Of a run with pairs (learner.exploration) "pairs" are advantages from all robots' differences to their twins, the rest
 is of the half that is nobody's twin.
 """
 
@@ -26,11 +26,13 @@ try:
         from core.errors import InputError
         from motion.reference import build_reference
         from train.folder import FEASIBLE_FILE
-        from train.learner.build import build_learner
-        from train.learner.gae import advantages_per_head, paired_differences
-        from train.learner.ppo import Ppo, log_prob
+        from train.learner.build import build_learner, exploration_of
+        from train.learner.gae import advantages_per_head
+        from train.learner.gaussian import log_prob
+        from train.learner.ppo import Ppo
+        from train.learner.storage import Minibatch
         from train.mdp.tracking import CONTROL_PERIOD_S
-        from train.priors.build import base_action_of
+        from train.priors.build import prior_of
         from train.session import Setup, environment_of, resumed_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
@@ -65,11 +67,11 @@ class Batches:
         config = setup.config
         torch.set_num_threads(config.threads)
         self.env = environment_of(setup)
-        base = base_action_of(
+        base = prior_of(
             config, setup.robot, build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S),
             fit=False, stored=setup.run_dir / FEASIBLE_FILE, progress=partial(print, file=sys.stderr),
         )  # fmt: skip
-        self.horizon, self.paired_steps = config.learner.horizon, config.learner.paired_steps
+        self.horizon, self.exploration = config.learner.horizon, exploration_of(config.learner.exploration)
         self.steps = self.horizon * -(-BATCH_STEPS // self.horizon)
         self.learner: Ppo = build_learner(
             replace(config, learner=replace(config.learner, horizon=self.steps)), self.env, base
@@ -88,10 +90,8 @@ class Batches:
             self.learner.record(result)
             self.observations = result.observations
         advantages = {f"{lam:g}": self._alone(self._advantages(lam, self.horizon)) for lam in lams}
-        if self.paired_steps is not None:
-            advantages |= {
-                f"{lam:g}, pairs": paired_differences(self._advantages(lam, self.paired_steps)) for lam in lams
-            }
+        if (steps := self.exploration.window) is not None:
+            advantages |= {f"{lam:g}, pairs": self.exploration.advantages(self._advantages(lam, steps)) for lam in lams}
         advantages[MONTE_CARLO] = self._alone(self._advantages(1.0, self.steps))
         self.learner.forget()
         gradients = self._gradients(torch.stack([a.flatten() - a.mean() for a in advantages.values()]))
@@ -99,7 +99,7 @@ class Batches:
 
     def _alone(self, advantages: Tensor) -> Tensor:
         """Without those of twins, which go back to their robots in between."""
-        if self.paired_steps is not None:
+        if self.exploration.window is not None:
             advantages[:, advantages.shape[1] // 2 :] = 0.0
         return advantages
 
@@ -107,15 +107,17 @@ class Batches:
     def _advantages(self, lam: float, window: int) -> Tensor:
         s, last_values = self.learner.storage, self.learner.critic(self.observations["critic"])
         return advantages_per_head(
-            s.rewards, s.values, last_values, s.done, gamma=self.learner.settings.gamma, lam=lam, window=window
+            s["rewards"], s["values"], last_values, s["done"], gamma=self.learner.settings.gamma, lam=lam, window=window
         ).sum(dim=-1)
 
     def _gradients(self, advantages: Tensor) -> Tensor:
         s, actor = self.learner.storage, self.learner.actor
-        inputs, base, actions = (column.flatten(0, 1) for column in (s.actor_inputs, s.base, s.actions))
+        seen = Minibatch({name: column.flatten(0, 1) for name, column in s.columns.items()})
+        actions = seen["actions"]
         total = torch.zeros(len(advantages), len(self.scale))
         for rows in torch.arange(len(actions)).split(SAMPLES_AT_ONCE):
-            density = log_prob(actions[rows], base[rows] + actor.mlp(inputs[rows]), actor.log_std.detach())
+            mean = actor.mean(**{name: column[rows] for name, column in seen.of("actor").items()})
+            density = log_prob(actions[rows], mean, actor.log_std.detach())
             weights = advantages[:, rows] / len(actions)
             parts = torch.autograd.grad(density, self.weights, weights, is_grads_batched=True)
             total += torch.cat([part.flatten(1) for part in parts], dim=1)

@@ -5,7 +5,7 @@ Three speeds, in environment steps (control periods of one robot) per second, me
 the machine does weighs on all alike, of which the medians count:
 
 - physics: MuJoCo's threaded rollout alone, on the models, states and inputs that the stepping met;
-- stepping: the environment with random small actions around the base action;
+- stepping: the environment with random small actions around the action prior;
 - loop: what train/run.py does in an iteration: collect and learn.
 """
 
@@ -40,6 +40,7 @@ try:
         from robot.kinematics import Kinematics
         from train import interface
         from train.config import compose_document
+        from train.hooks import Budget, Reporting, Stopping
         from train.learner.build import build_learner
         from train.learner.ppo import Ppo
         from train.mdp.critic import Critic
@@ -48,9 +49,9 @@ try:
         from train.mdp.reward_sum import RewardSum
         from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.nan_guard import NanGuard
-        from train.priors.build import base_action_of
+        from train.priors.build import prior_of
         from train.progress import Progress
-        from train.runner import Budget, Runner
+        from train.runner import Runner
         from train.session import Setup, environment_of, new_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
@@ -125,8 +126,8 @@ class Stopwatch:
 class Stepping:
     """The environment without a learner, and the physics inside it alone, on equal inputs."""
 
-    def __init__(self, env: interface.TrackingEnv, base: torch.nn.Module | None, seed: int) -> None:
-        self._env, self._base = env, base
+    def __init__(self, env: interface.Environment, prior: torch.nn.Module | None, seed: int) -> None:
+        self._env, self._prior = env, prior
         self._generator = torch.Generator().manual_seed(seed)
         self._observations: Mapping[str, torch.Tensor] = env.reset()
         self._calls: list[tuple[Callable, list[Any], dict[str, Any]]] = []
@@ -155,7 +156,7 @@ class Stepping:
     def _action(self) -> torch.Tensor:
         shape = (self._env.num_envs, self._env.num_actions)
         noise = ACTION_NOISE * torch.randn(shape, generator=self._generator)
-        return noise if self._base is None else self._base(self._observations["actor"]) + noise
+        return noise if self._prior is None else self._prior(self._observations["actor"]) + noise
 
     def _recorded(self, rollout: Callable) -> Callable:
         def call(*arguments: Any, **named: Any) -> Any:
@@ -203,17 +204,16 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     torch.set_num_threads(config.threads)
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     # What is aimed at, and how the estimate was fitted, takes no time in the loop.
-    aim = replace(config, base_action=replace(config.base_action, aim="reference"))
-    base = base_action_of(aim, setup.robot, reference, fit=False, progress=lambda line: None)
+    aim = replace(config, prior=replace(config.prior, aim="reference"))
+    prior = prior_of(aim, setup.robot, reference, fit=False, progress=lambda line: None)
     env, watch = environment_of(setup), Stopwatch()
-    turns = Turns(Stepping(environment_of(setup), base, config.seed), watch, config.learner.horizon, seconds)
+    turns = Turns(Stepping(environment_of(setup), prior, config.seed), watch, config.learner.horizon, seconds)
     setup.run_dir.mkdir(exist_ok=True)
     with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
         progress = Progress(setup.run_dir, console=nowhere)
-        budget = Budget(iterations=None, minutes=None, checkpoint_every=sys.maxsize, evaluate_every=None)
-        learner = build_learner(config, env, base)
-        runner = Runner(env, learner, budget, setup.run_dir, {}, progress, should_stop=turns.is_over)
-        runner.run()
+        budget = Budget(iterations=None, minutes=None)
+        hooks = [Reporting(progress, budget), Stopping(budget, turns.is_over)]
+        Runner(env, build_learner(config, env, prior), setup.run_dir, {}, hooks).run()
         progress.close()
     per_turn = config.num_envs * config.learner.horizon
     loop_s = [per_turn / row["time/steps_per_s"] for row in progress.rows[1:]]

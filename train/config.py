@@ -20,13 +20,16 @@ from omegaconf.errors import OmegaConfBaseException
 from core.errors import InputError
 from core.processes import available_cores
 from core.structured import at_least, parse, positive, within
+from train.device import resolve_device
+from train.learner.antithetic import check_pairs
+from train.learner.losses import check_losses
 from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
 from train.mdp.settings import EnvironmentSettings
-from train.priors.module import BaseActionSettings
+from train.priors.module import PriorSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
-_PATH_KEYS = ("motion", "motions", "robot", "run_dir")
+_PATH_KEYS = ("motion", "motions", "robot", "run_dir", "init_from")
 MAX_SEED = 2**32 - 1
 _BUDGET_KEYS = ("iterations", "minutes")
 
@@ -45,13 +48,15 @@ class TrainConfig:
     checkpoint_every: int
     evaluate_every: int | None
     run_dir: str | None
+    init_from: str | None
     sigma: Literal["adaptive", "coarse", "medium", "upperbound", "lowerbound"]
     value: Literal["vector", "scalar"]
     contact_mask: bool
     precision: Literal["bf16", "fp32"]
+    device: Literal["cpu", "cuda"]
     threads: int
     learner: LearnerSettings
-    base_action: BaseActionSettings
+    prior: PriorSettings
     environment: EnvironmentSettings
 
     @property
@@ -60,10 +65,8 @@ class TrainConfig:
         return Path(str(self.motion or self.motions)).stem
 
     def __post_init__(self) -> None:
-        if self.motions is not None and self.base_action.kind != "none":
-            raise InputError(
-                "is made for one clip", where="base_action.kind", got=self.base_action.kind, expected="none"
-            )
+        if self.motions is not None and self.prior.kind != "none":
+            raise InputError("is made for one clip", where="prior.kind", got=self.prior.kind, expected="none")
         within("seed", self.seed, 0, MAX_SEED)
         for name in ("num_envs", "checkpoint_every", "threads"):
             at_least(name, getattr(self, name), 1)
@@ -74,16 +77,10 @@ class TrainConfig:
             positive("minutes", self.minutes)
         if self.iterations is None and self.minutes is None:
             raise InputError("no budget", where="iterations", expected="iterations or minutes (or both)")
-        if self.environment.older_lags and not self.base_action.features:
-            raise InputError(
-                "nothing looks at them", where="environment.older_lags", got=self.environment.older_ticks(),
-                expected="base_action.features=true with them, or none",
-            )  # fmt: skip
-        if self.learner.paired_steps is not None and self.num_envs % 2:
-            raise InputError(
-                "is odd", where="num_envs", got=self.num_envs,
-                expected="pairs of robots, as learner.paired_steps is set",
-            )  # fmt: skip
+        check_losses(self.learner.losses)
+        self.prior.check(self.environment.older_lags)
+        if self.learner.exploration.kind == "antithetic":
+            check_pairs(self.learner.exploration.steps, self.learner.horizon, self.num_envs)
         samples = self.num_envs * self.learner.horizon
         if samples < 2 * self.learner.minibatches:
             raise InputError(
@@ -120,6 +117,7 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
         raise InputError("no motion", where="motion", expected="motion=NAME or motion=FILE", hint="e.g. motion=taichi")
     if len(given) == 2:
         raise InputError("conflicts with motion", where="motions", got=document["motions"], expected="one of the two")
+    document["device"] = resolve_device(document["device"])
     document["precision"] = _resolved_precision(document["precision"])
     if document["threads"] is None:
         document["threads"] = available_cores()

@@ -1,9 +1,8 @@
 """Actor → one self-describing ONNX file, proven before it appears.
 
-The graph is the mean action with base and normaliser in fp32.
+The graph is the mean action, prior included, in fp32.
 """
 
-import copy
 import hashlib
 import io
 import subprocess
@@ -34,13 +33,6 @@ _CODE = Path(__file__).resolve().parents[1]
 
 class ExportError(RuntimeError):
     """The exported graph does not compute what the actor computes."""
-
-
-def deployed(actor: Actor) -> Actor:
-    """A copy of the actor as it will be exported: everything in fp32, no gradients."""
-    twin = copy.deepcopy(actor).eval().requires_grad_(False)
-    twin.mlp.low_precision = False
-    return twin
 
 
 def actor_spec(
@@ -84,7 +76,7 @@ def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
     Raises:
         ExportError: torch and onnxruntime differ by more than 1e-5 (relative to the largest action above 1).
     """
-    twin = deployed(actor)
+    twin = actor.deployed().cpu()
     group = spec.observations[0].name
     graph = to_onnx(twin, group)
     verify(twin, graph, group)

@@ -1,4 +1,4 @@
-"""What the learner asks of an environment and of an evaluator, whichever they are."""
+"""What learner and runner ask of an environment and of an evaluator, whichever they are."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,6 +8,14 @@ import torch
 
 Policy = Callable[[torch.Tensor], torch.Tensor]
 """Actor observations (n, Da) → mean actions (n, J), both float32."""
+
+Columns = Mapping[str, slice]
+"""The columns of each term of an observation, in order and without gaps."""
+
+
+def width(columns: Columns) -> int:
+    """How many numbers an observation of these columns has."""
+    return max(part.stop for part in columns.values())
 
 
 @dataclass(frozen=True)
@@ -20,7 +28,7 @@ class StepResult:
         terminated: (B,) bool, failed.
         timed_out: (B,) bool, ended without failing.
         final_critic_obs: (n, Dc), the critic's view of the last states of the n timed-out rows, in row order.
-        log: figures for people; the same keys may be absent in some steps.
+        log: figures for people, numbers or scalars on the device; the same keys may be absent in some steps.
     """
 
     observations: Mapping[str, torch.Tensor]
@@ -28,21 +36,25 @@ class StepResult:
     terminated: torch.Tensor
     timed_out: torch.Tensor
     final_critic_obs: torch.Tensor
-    log: Mapping[str, float]
+    log: Mapping[str, float | torch.Tensor]
 
 
-class TrackingEnv(Protocol):
-    """B environments that run in step. Tensors live on one device.
-
-    The last ``phase_knots`` columns of the critic's observation weigh knots of the phase (0: there are none).
-    """
+class Environment(Protocol):
+    """B environments that run in step. Tensors live on one device."""
 
     num_envs: int
     num_actions: int
-    actor_obs_dim: int
-    critic_obs_dim: int
-    phase_knots: int
     reward_names: tuple[str, ...]
+
+    @property
+    def device(self) -> torch.device:
+        """Where its tensors are."""
+        ...
+
+    @property
+    def layout(self) -> Mapping[str, Columns]:
+        """The columns of the terms of each observation group, "actor" and "critic" among them."""
+        ...
 
     def reset(self) -> Mapping[str, torch.Tensor]:
         """Start every episode anew; return the observations ("actor", "critic")."""
@@ -66,14 +78,6 @@ class TrackingEnv(Protocol):
 
     def load_state_dict(self, state: dict[str, Any], /) -> None:
         """Restore what :meth:`state_dict` returned."""
-        ...
-
-
-class Trimmer(Protocol):
-    """Corrects what is not learnt of the actor, by itself, with its own randomness."""
-
-    def trim(self, act: Policy) -> dict[str, float]:
-        """Correct the actor whose policy is ``act``; return figures."""
         ...
 
 

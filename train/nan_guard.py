@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.files import write_whole
 from train.checkpoint import save_state, snapshot
-from train.interface import StepResult, TrackingEnv
+from train.interface import Environment, StepResult
 
 _SHOWN_ENVIRONMENTS = 8
 
@@ -48,7 +48,7 @@ class NanGuard:
     Together they repeat every step up to the one that failed; see :func:`replay`.
     """
 
-    def __init__(self, env: TrackingEnv) -> None:
+    def __init__(self, env: Environment) -> None:
         self._env = env
         self._state: dict[str, Any] | None = None
         self._actions: list[Tensor] = []
@@ -73,7 +73,7 @@ class NanGuard:
         write_whole(path, save_state({**document, "environment": self._state}))
 
 
-def replay(dump: Mapping[str, Any], env: TrackingEnv) -> tuple[int, NonFiniteError] | None:
+def replay(dump: Mapping[str, Any], env: Environment) -> tuple[int, NonFiniteError] | None:
     """Repeat a dump's steps in ``env``; return the step (from 0) and the error it ends with, None if there is none."""
     env.load_state_dict(dict(dump["environment"]))
     for step, actions in enumerate(dump["actions"]):

@@ -55,13 +55,22 @@ class Progress:
         refresh: Callable[[Sequence[Mapping[str, Any]]], None] | None = None,
     ) -> None:
         self._run_dir, self._console, self._refresh = run_dir, console or sys.stdout, refresh
-        self._is_refreshed = False
+        self._is_refreshed, self._save_s = False, 0.0
         path = run_dir / METRICS_FILE
         self.rows = read_rows(path, start_iteration)
         write_whole(path, "".join(json.dumps(row) + "\n" for row in self.rows).encode())
         self._metrics = path.open("a")
         self._drawn_s = time.monotonic()
         self._board = SummaryWriter(str(run_dir / "tensorboard"), purge_step=start_iteration + 1)
+
+    def add_save_s(self, seconds: float) -> None:
+        """Remember time that saving took, for the next row."""
+        self._save_s += seconds
+
+    def take_save_s(self) -> float:
+        """That time, which begins anew."""
+        taken_s, self._save_s = self._save_s, 0.0
+        return taken_s
 
     def say(self, text: str) -> None:
         """Print one line for people."""

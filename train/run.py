@@ -1,13 +1,13 @@
 #!/usr/bin/env -S python3 -P
-"""Train one motion: train/run.py motion=NAME|FILE [KEY=VALUE ...] | resume=RUN_DIR | replay=NAN_DUMP.
+"""Train one motion: train/run.py motion=NAME|FILE [KEY=VALUE ...] [--print] | resume=RUN_DIR | replay=NAN_DUMP.
 
 Presets: train=default|pushes|paper|pbhc_release. Keys: configs/train/config.yaml and the sections of the preset.
-Ctrl-C saves, exports and ends in good order.
+init_from=RUN_DIR|ACTOR begins with another training's weights. --print shows each key, its value and where that is
+from, and trains nothing. Ctrl-C saves, exports and ends in good order.
 """
 
 import os
 import sys
-from pathlib import Path
 
 # Busy waiting of OpenMP's threads steals the cores from physics; read once, when torch is loaded.
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
@@ -25,25 +25,14 @@ def main(arguments: list[str]) -> int:
 
         with ends_at_once():
             from core.errors import InputError
-            from train.config import compose_document
+            from train.command import execute
             from train.export import ExportError
             from train.nan_guard import NonFiniteError
-            from train.session import new_setup, replay_dump, resumed_setup, train
     except ModuleNotFoundError as error:
         print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
         return 2
     try:
-        given = dict(argument.partition("=")[::2] for argument in arguments)
-        if "replay" in given and len(arguments) > 1:
-            raise InputError("conflicts with replay", got=" ".join(arguments), expected="replay=NAN_DUMP alone")
-        if "replay" in given:
-            print(replay_dump(Path(given["replay"])))
-            return 0
-        if "resume" in given:
-            rest = [argument for argument in arguments if not argument.startswith("resume=")]
-            train(resumed_setup(Path(given["resume"]).resolve(), rest))
-        else:
-            train(new_setup(compose_document(arguments)))
+        execute(arguments)
     except InputError as error:
         print("error:", *str(error).splitlines(), file=sys.stderr)
         return 2

@@ -23,19 +23,20 @@ from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
-from train.interface import TrackingEnv
+from train.hooks import Budget, Checkpointing, Evaluation, Reporting, Stopping
+from train.interface import Environment
 from train.learner.build import build_learner
+from train.lineage import Source, begin_from, find_source
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
 from train.mdp.tracking import CONTROL_PERIOD_S
 from train.nan_guard import replay
-from train.priors.build import base_action_of
-from train.priors.trim import Trim
+from train.priors.build import prior_of
 from train.progress import TIME_PREFIX, Progress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import RunReport, story
-from train.runner import Budget, Runner
+from train.runner import Runner
 
 EVALUATION_SEED = 12345
 
@@ -51,6 +52,7 @@ class Setup:
     run_dir: Path
     state: dict[str, Any] | None
     clips: tuple[NamedClip, ...] = ()
+    source: Source | None = None
 
     @property
     def references(self) -> dict[str, Reference]:
@@ -69,7 +71,10 @@ def new_setup(document: dict[str, Any]) -> Setup:
         document = {**document, "robot": str(Path(config.robot).resolve())}
     run_dir = _new_run_dir(config)
     document = {**document, "run_dir": str(run_dir)}
-    setup = Setup(document, check(document), robot, clip, run_dir, None, clips)
+    source = (
+        None if config.init_from is None else find_source(config.init_from, robot, config.environment.actor_group())
+    )
+    setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source)
     _ = setup.references  # what is no reference is refused now
     return setup
 
@@ -104,34 +109,31 @@ def train(setup: Setup) -> None:
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
     for line in feasibility(setup.robot, reference):
         progress.say(line)
-    base = base_action_of(
+    prior = prior_of(
         config, setup.robot, reference,
         fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
     )  # fmt: skip
-    learner = build_learner(config, env, base)
-    budget = Budget(
-        config.iterations, config.minutes, config.checkpoint_every, config.evaluate_every, config.base_action.trim_first
-    )
+    learner = build_learner(config, env, prior)
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, setup.references, seed=EVALUATION_SEED, threads=config.threads
     )
-    trimmer = None
-    if base is not None:
-        trimmer = Trim(
-            base, config.environment, setup.robot, reference,
-            num_envs=config.num_envs, seed=EVALUATION_SEED, threads=config.threads,
-        )  # fmt: skip
-    runner = Runner(
-        env, learner, budget, setup.run_dir, setup.document, progress, evaluator, trimmer,
-        should_stop=lambda: stop.asked,
-    )  # fmt: skip
+    evaluation = Evaluation(evaluator, config.evaluate_every)
+    budget = Budget(config.iterations, config.minutes)
+    hooks = [
+        evaluation,
+        Reporting(progress, budget),
+        Checkpointing(Checkpoints(setup.run_dir), config.checkpoint_every, progress),
+        Stopping(budget, lambda: stop.asked),
+    ]
+    lineage = None if setup.source is None else begin_from(setup.source, learner, progress.say)
+    runner = Runner(env, learner, setup.run_dir, setup.document, hooks, lineage)
     runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
         _restore(runner, setup)
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
-        outcome = runner.run()
-        _export(setup, runner, progress, outcome, code)
+        runner.run()
+        _export(setup, runner, evaluation, progress, code)
         progress.say(f"report {report.finish()}")
     finally:
         progress.close()
@@ -172,14 +174,15 @@ def feasibility(robot: Robot, reference: Reference) -> list[str]:
     return lines
 
 
-def environment_of(setup: Setup) -> TrackingEnv:
+def environment_of(setup: Setup) -> Environment:
     """The environment that a run trains in, at its beginning."""
     config = setup.config
     build = partial(build_environment, config.environment, setup.robot, setup.references, seed=config.seed)
-    if config.learner.paired_steps is None:
+    exploration = config.learner.exploration
+    if exploration.kind == "gaussian":
         return build(num_envs=config.num_envs, threads=config.threads)
     leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
-    return PairedEnv(leaders, twins, config.learner.paired_steps)
+    return PairedEnv(leaders, twins, exploration.steps)
 
 
 def _new_run_dir(config: TrainConfig) -> Path:
@@ -224,20 +227,21 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
-def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code: str) -> None:
+def _export(setup: Setup, runner: Runner, evaluation: Evaluation, progress: Progress, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
-    actor = runner.actor_with(runner.final_weights(judge=outcome == "completed"))
+    actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {
         "motion": setup.config.motion_name,
         "seed": setup.config.seed,
         "iterations": runner.iteration,
         "samples": runner.samples,
-        "exported_iteration": runner.best.iteration or runner.iteration,
-        "evaluation": runner.best.figures,
+        "exported_iteration": best.iteration or runner.iteration,
+        "evaluation": best.figures,
         "config_sha256": fingerprint(setup.document),
         "code": code,
         "precision": setup.config.precision,
         "threads": setup.config.threads,
+        **({} if runner.lineage is None else {"lineage": dict(runner.lineage)}),
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
     group = setup.config.environment.actor_group()
@@ -250,7 +254,7 @@ def _export(setup: Setup, runner: Runner, progress: Progress, outcome: str, code
         **facts,
         "actor": ACTOR_FILE,
         "actor_sha256": digest,
-        "last_evaluation": finite_or_none(runner.judged),
+        "last_evaluation": finite_or_none(evaluation.judged),
         "last_iteration": dict(last),
         "machine": machine_facts(setup.config),
     }

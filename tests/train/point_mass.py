@@ -10,16 +10,20 @@ from train.phase_basis import phase_hats
 
 DT = 0.05
 EPISODE = 40
+LAYOUT = {
+    "actor": {"error": slice(0, 2), "velocity": slice(2, 4), "phase": slice(4, 7)},
+    "critic": {"actor": slice(0, 7), "position": slice(7, 9), "phase_knots": slice(9, 12)},
+}
 
 
 class PointMassEnv:
     """B masses in the plane; the action is an acceleration. ``poison``: (step count, environment) that becomes NaN."""
 
-    num_actions, actor_obs_dim, critic_obs_dim, phase_knots = 2, 7, 12, 3
+    num_actions, device = 2, torch.device("cpu")
     reward_names = ("position", "effort")
 
     def __init__(self, num_envs=16, seed=0, poison=None):
-        self.num_envs, self.poison = num_envs, poison
+        self.num_envs, self.poison, self.layout = num_envs, poison, LAYOUT
         self.generator = torch.Generator().manual_seed(seed)
         self.pos, self.vel = torch.zeros(num_envs, 2), torch.zeros(num_envs, 2)
         self.tick, self.steps = torch.zeros(num_envs, dtype=torch.long), 0
@@ -35,7 +39,7 @@ class PointMassEnv:
         self.pos[rows], self.vel[rows] = start, torch.tensor([0.0, 3.0])
 
     def _critic(self):
-        return torch.cat([self._actor(), self.pos, phase_hats(self.tick / EPISODE, self.phase_knots)], dim=1)
+        return torch.cat([self._actor(), self.pos, phase_hats(self.tick / EPISODE, 3)], dim=1)
 
     def _actor(self):
         phase = 2.0 * math.pi * (self.tick / EPISODE)[:, None]

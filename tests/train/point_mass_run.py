@@ -14,9 +14,10 @@ from core.signals import StopRequest
 from tests.train.point_mass import PointMassEnv
 from train.checkpoint import Checkpoints
 from train.config import check, compose_document
+from train.hooks import Budget, Checkpointing, Reporting, Stopping
 from train.learner.build import build_learner
 from train.progress import Progress
-from train.runner import Budget, Runner
+from train.runner import Runner
 
 SMALL = ("learner.actor_hidden=[32,32]", "learner.critic_hidden=[32,32]", "precision=fp32", "threads=1", "num_envs=16")
 
@@ -29,17 +30,21 @@ def make_learner(env, *overrides):
     return build_learner(small_config(*overrides), env, None)
 
 
-def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpoint_every=5, **options):
-    """A runner whose folder exists; ``options`` go to :class:`Runner`."""
+def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpoint_every=5, first=(), minutes=None,
+                should_stop=lambda: False):  # fmt: skip
+    """A runner whose folder exists; ``first`` are hooks before those of every run."""
     torch.set_num_threads(1)
     run_dir.mkdir(parents=True, exist_ok=True)
     env = env or PointMassEnv()
     state = Checkpoints(run_dir).load_newest() if resume else None
     progress = Progress(run_dir, state["iteration"] if state else 0, console=io.StringIO())
-    every = [options.pop(name, None) for name in ("evaluate_every", "trim_first")]
-    budget = Budget(iterations, None, checkpoint_every, *every)
-    learner = make_learner(env, *overrides)
-    runner = Runner(env, learner, budget, run_dir, {"motion": "none"}, progress, **options)
+    budget = Budget(iterations, minutes)
+    hooks = [
+        Reporting(progress, budget),
+        Checkpointing(Checkpoints(run_dir), checkpoint_every, progress),
+        Stopping(budget, should_stop),
+    ]
+    runner = Runner(env, make_learner(env, *overrides), run_dir, {"motion": "none"}, [*first, *hooks])
     if state:
         runner.load_state_dict(state)
     return runner

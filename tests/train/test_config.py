@@ -25,7 +25,7 @@ def test_paper_preset_is_table_8_and_table_6():
     assert paper.num_envs == 4096
     assert (learner.horizon, learner.epochs, learner.minibatches, learner.clip) == (24, 5, 4, 0.2)
     assert (learner.gamma, learner.lam, learner.kl_target, learner.noise_std) == (0.99, 0.95, 0.01, 0.8)
-    assert (learner.learning_rate, learner.entropy_coefficient, learner.max_grad_norm) == (1e-3, 0.01, 1.0)
+    assert (learner.learning_rate, learner.losses["entropy"], learner.max_grad_norm) == (1e-3, 0.01, 1.0)
     assert learner.actor_hidden == (512, 256, 128) and learner.critic_hidden == (768, 512, 128)
     weights = {name: term.weight for name, term in paper.environment.rewards.items()}
     assert weights == {
@@ -42,7 +42,7 @@ def test_paper_preset_is_table_8_and_table_6():
         "body_rotation": 0.1, "body_velocity": 1.0, "body_angular_velocity": 15.0, "hands_head": 0.015, "feet": 0.01,
         "max_joint": 1.0,
     }  # fmt: skip
-    assert paper.base_action.kind == "none" and paper.environment.observation_noise == {}
+    assert paper.prior.kind == "none" and paper.environment.observation_noise == {}
 
 
 RELEASED = {  # name in the released file → name here
@@ -72,7 +72,7 @@ def test_release_preset_is_the_authors_file():
     noise = released["obs"]["noise_scales"]
     assert ours.environment.observation_noise == {name: noise[name] for name in NOISY}
     algorithm = released["algo"]["config"]
-    assert ours.learner.entropy_coefficient == algorithm["entropy_coef"]
+    assert ours.learner.losses["entropy"] == algorithm["entropy_coef"]
     assert ours.learner.noise_std == algorithm["init_noise_std"]
     assert ours.environment.penalty_scale.factor == released["rewards"]["reward_penalty_degree"]
 
@@ -191,8 +191,8 @@ REFUSED = [
     ("environment.rewards=3", "environment.rewards: wrong type"),
     ("learner=3", "learner: wrong type"),
     ("~learner", "learner: missing key"),
-    ("base_action.kind=magic", "base_action.kind: unknown choice, got magic, expected one of lqr, feedforward, none"),
-    ("base_action.knot_ticks=0", "base_action.knot_ticks: too small"),
+    ("prior.kind=magic", "prior.kind: unknown choice, got magic, expected one of lqr, feedforward, none"),
+    ("prior.knot_ticks=0", "prior.knot_ticks: too small"),
     ("nonsense", "unusable override"),
     ("=3", "unusable override"),
     ("motion=null", "motion: no motion"),
@@ -209,7 +209,7 @@ def test_refused_in_one_line(override, message):
 def test_earlier_ticks_need_somebody_who_looks_at_them():
     assert config("environment.older_lags=[[6,9],[12]]").environment.older_ticks() == (6, 9, 12)
     with pytest.raises(InputError, match=r"environment\.older_lags: nothing looks at them"):
-        config("environment.older_lags=[[6,9],[12]]", "base_action.features=false")
+        config("environment.older_lags=[[6,9],[12]]", "prior.features=false")
 
 
 def test_resume_takes_a_budget_and_nothing_else():

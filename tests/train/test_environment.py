@@ -18,6 +18,7 @@ from policy.layouts import pbhc_actor_group
 from policy.observation import sample_terms, term_dims
 from policy.terms import ObservationInput
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
+from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
 from train.mdp.drivers import Figures
 from train.mdp.settings import CurriculumSettings
@@ -34,7 +35,7 @@ def hold(env) -> torch.Tensor:
 
 def test_observation_sizes_are_those_of_the_paper():
     env = small_env()
-    assert (env.actor_obs_dim, env.critic_obs_dim, env.num_actions) == (380, 630, 23)
+    assert (width(env.layout["actor"]), width(env.layout["critic"]), env.num_actions) == (380, 630, 23)
 
 
 def test_the_critic_may_see_the_phase_by_knots():
@@ -42,7 +43,7 @@ def test_the_critic_may_see_the_phase_by_knots():
     env = small_env(start=FIRST_FRAME, critic_phase_knots=True)
     for _ in range(15):
         observations = env.step(hold(env)).observations
-    assert env.critic_obs_dim == 630 + 6
+    assert width(env.layout["critic"]) == 630 + 6
     assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
 
 

@@ -16,7 +16,7 @@ from train.learner.networks import Actor, Mlp
 class TableBase(torch.nn.Module):
     """A table over one input, interpolated, and a clipped feedback: what a model-based base consists of."""
 
-    features = None
+    inputs = unseen = 0
 
     def __init__(self, size, actions, generator):
         super().__init__()
@@ -52,7 +52,7 @@ def clip(robot):
 @pytest.mark.parametrize("base", [True, False])
 def test_graph_equals_the_fp32_actor(precision, base):
     actor = make_actor(precision, base)
-    graph = export.to_onnx(export.deployed(actor), "actor_obs")
+    graph = export.to_onnx(actor.deployed(), "actor_obs")
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
     assert [entry.name for entry in session.get_inputs()] == ["actor_obs"]
     assert [entry.name for entry in session.get_outputs()] == ["action"]
@@ -83,7 +83,7 @@ def test_a_graph_that_differs_never_appears(tmp_path, robot, clip, monkeypatch):
     other = make_actor()
     with torch.no_grad():
         other.mlp.output.bias[3] += 1e-3
-    wrong = export.to_onnx(export.deployed(other), "actor_obs")
+    wrong = export.to_onnx(other.deployed(), "actor_obs")
     monkeypatch.setattr(export, "to_onnx", lambda actor, name: wrong)
     with pytest.raises(export.ExportError, match=r"differs from the actor by"):
         export.export_actor(make_actor(), export.actor_spec(robot, clip, "stand", {}, pbhc_actor_group()), clip, path)
@@ -95,6 +95,6 @@ def test_a_graph_that_gives_nan_never_appears():
     actor = make_actor()
     with torch.no_grad():
         actor.mlp.output.bias[0] = float("nan")
-    actor = export.deployed(actor)
+    actor = actor.deployed()
     with pytest.raises(export.ExportError):
         export.verify(actor, export.to_onnx(actor, "actor_obs"), "actor_obs")

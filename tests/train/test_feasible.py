@@ -14,7 +14,7 @@ from robot.robot import Robot
 from tests.train.worlds import g1, swaying_clip
 from train.priors.feasible import NO_HELP_N, Nominal, feasible_motion
 from train.priors.feedforward import feedforward_targets
-from train.priors.module import BaseActionSettings, build_base_action, linearization_model
+from train.priors.module import PriorSettings, build_prior, linearization_model
 from world.model import compile_model
 
 LEAN_M = 0.10  # the root glides this far forward over feet that stay: nobody can stand that way with straight legs
@@ -86,8 +86,8 @@ def test_a_stored_motion_is_what_the_base_action_aims_at(found, tmp_path):
     """On resume nothing is computed again: the stored targets are the base action's."""
     robot, reference, _, nominal, _ = found
     nominal.save(tmp_path / "motion.npz")
-    settings = BaseActionSettings(kind="feedforward", aim="feasible")
-    base = build_base_action(settings, robot, reference, 0.25, stored=tmp_path / "motion.npz")
+    settings = PriorSettings(kind="feedforward", aim="feasible")
+    base = build_prior(settings, robot, reference, 0.25, stored=tmp_path / "motion.npz")
     targets = robot.default_pos_rad + 0.25 * base.targets.double().numpy()
     assert targets == pytest.approx(nominal.targets_rad, abs=1e-5)
 

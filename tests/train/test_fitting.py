@@ -7,12 +7,12 @@ import torch
 from motion.library import open_motion
 from motion.reference import build_reference
 from tests.train.worlds import g1, settings
-from train.export import deployed, to_onnx, verify
+from train.export import to_onnx, verify
 from train.learner.networks import Actor, Mlp
 from train.mdp.factory import build_environment
 from train.priors import fitting
 from train.priors.fitting import fit_estimate, ridge
-from train.priors.module import BaseActionSettings, build_base_action
+from train.priors.module import PriorSettings, build_prior
 
 NOISE = {"base_ang_vel": 0.3, "projected_gravity": 0.2, "dof_pos": 0.01, "dof_vel": 1.0}
 BLOCKS = ((6, 8), (10, 13, 16))
@@ -42,7 +42,7 @@ def fitted():
     reference = build_reference(open_motion("stand", robot), robot)
     rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}}
     world = settings(observation_noise=NOISE, termination=rule, older_lags=BLOCKS)
-    base = build_base_action(BaseActionSettings(features=True), robot, reference, 0.25, older_lags=BLOCKS)
+    base = build_prior(PriorSettings(features=True), robot, reference, 0.25, older_lags=BLOCKS)
     lines: list[str] = []
     fit_estimate(base, world, robot, reference, num_envs=48, seed=5, threads=2, noise_std=0.1, progress=lines.append)
     return robot, reference, world, base, lines
@@ -74,7 +74,7 @@ def test_it_knows_the_state_better_than_the_averages_do(fitted):
 
 def test_same_seed_same_estimate(fitted):
     robot, reference, world, base, _ = fitted
-    again = build_base_action(BaseActionSettings(features=True), robot, reference, 0.25, older_lags=BLOCKS)
+    again = build_prior(PriorSettings(features=True), robot, reference, 0.25, older_lags=BLOCKS)
     fit_estimate(
         again, world, robot, reference, num_envs=48, seed=5, threads=1, noise_std=0.1, progress=lambda line: None
     )
@@ -84,7 +84,7 @@ def test_same_seed_same_estimate(fitted):
 def test_it_is_exported_with_the_actor(fitted):
     _, _, _, base, _ = fitted
     assert base.deviation.correction.abs().max() > 0.01
-    mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = deployed(Actor(mlp, 23, (0.2, 0.01, 1.0), base))
+    mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
+    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base).deployed()
     assert verify(actor, to_onnx(actor, "obs"), "obs") <= 1e-5
     assert any("correction" in name for name in actor.state_dict())

@@ -10,7 +10,7 @@ from tests.train.worlds import beginning_of
 from train.run import main as train_main
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "gradient_signal.py"
-SHORT = ("iterations=2", "num_envs=4", "learner.horizon=4", "base_action.kind=none", "seed=1", "threads=1")
+SHORT = ("iterations=2", "num_envs=4", "learner.horizon=4", "prior.kind=none", "seed=1", "threads=1")
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def test_noise_biases_neither(gradient_signal):
 @pytest.mark.parametrize(
     ("override", "names"),
     [
-        ("learner.paired_steps=null", ["1", "0", "Monte Carlo"]),
-        ("learner.paired_steps=2", ["1", "0", "1, pairs", "0, pairs", "Monte Carlo"]),
+        ("learner.exploration.kind=gaussian", ["1", "0", "Monte Carlo"]),
+        ("learner.exploration.steps=2", ["1", "0", "1, pairs", "0, pairs", "Monte Carlo"]),
     ],
 )
 def test_reads_a_run_and_leaves_it_alone(gradient_signal, tmp_path, capsys, monkeypatch, override, names):

@@ -20,8 +20,7 @@ OVERRIDES = [
     "num_envs=16",
     "checkpoint_every=2",
     "learner.minibatches=2",
-    "base_action.aim=reference",
-    "base_action.trim_first=3",
+    "prior.aim=reference",
 ]
 
 

@@ -118,7 +118,7 @@ def test_the_layout_says_where_each_term_lies():
     assert joints.shape == (6, 7 * 23) and torch.equal(
         observations["critic"][:, critic["reference_ahead"]][:, :161], joints
     )
-    assert max(part.stop for part in critic.values()) == env.critic_obs_dim
+    assert max(part.stop for part in critic.values()) == env.reset()["critic"].shape[1]
 
 
 def test_figures_of_each_clip_are_means_of_what_was_seen():

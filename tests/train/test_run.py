@@ -22,7 +22,7 @@ from train.run import main
 
 RUN = Path(__file__).parents[2] / "train" / "run.py"
 SHORT = (
-    "motion=stand", "num_envs=4", "learner.horizon=4", "learner.paired_steps=2", "base_action.kind=none", "seed=1",
+    "motion=stand", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "prior.kind=none", "seed=1",
     "threads=1",
 )  # fmt: skip
 

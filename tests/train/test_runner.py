@@ -15,6 +15,7 @@ import torch
 from tests.train.point_mass import PointMassEnv
 from tests.train.point_mass_run import make_runner
 from train.checkpoint import Checkpoints, load_state
+from train.hooks import Evaluation, Hook
 from train.nan_guard import NonFiniteError, replay
 
 REPOSITORY = Path(__file__).parents[2]
@@ -79,7 +80,7 @@ def test_keeps_two_checkpoints_and_saves_at_the_end(tmp_path):
 
 
 def test_saves_when_five_minutes_would_pass(tmp_path, monkeypatch):
-    monkeypatch.setattr("train.runner.CHECKPOINT_INTERVAL_S", 0.0)
+    monkeypatch.setattr("train.hooks.checkpointing.CHECKPOINT_INTERVAL_S", 0.0)
     make_runner(tmp_path, 3, checkpoint_every=1000).run()
     assert [path.name for path in Checkpoints(tmp_path).paths()] == ["iteration_00000002.pt", "iteration_00000003.pt"]
 
@@ -97,8 +98,7 @@ def test_a_signal_saves_and_ends_in_order(tmp_path, number):
 
 
 def test_ends_after_the_minutes(tmp_path):
-    runner = make_runner(tmp_path, None)
-    object.__setattr__(runner._budget, "minutes", 0.3 / 60.0)
+    runner = make_runner(tmp_path, None, minutes=0.3 / 60.0)
     assert runner.run() == "completed"
     assert 0.3 <= runner.wall_s < 5.0
 
@@ -114,67 +114,86 @@ class ScriptedEvaluator:
         return {"score": self.scores.pop(0), "score_error": self.error, "empbpe_mm": 1.0}
 
 
-def test_exports_the_best_judged_weights(tmp_path):
-    evaluator = ScriptedEvaluator([3.0, 1.0, 2.0, 5.0])
-    runner = make_runner(tmp_path, 7, evaluator=evaluator, evaluate_every=2)
+def judged(run_dir, iterations, *scores, error=0.0, **options):
+    """A finished run that was judged every second iteration, and who judged it."""
+    evaluation = Evaluation(ScriptedEvaluator(scores, error), every=2)
+    runner = make_runner(run_dir, iterations, first=[evaluation], **options)
     runner.run()
-    weights = runner.final_weights(judge=True)
-    assert runner.best.iteration == 4 and runner.best.score == 1.0
-    assert torch.equal(runner.actor_with(weights)(torch.ones(1, 7)), evaluator.seen[1])
-    assert len(evaluator.seen) == 4  # the last weights were judged too
+    return runner, evaluation
+
+
+def exported(runner, evaluation):
+    return runner.learner.actor_with(evaluation.weights(runner))(torch.ones(1, 7))
+
+
+def test_exports_the_best_judged_weights(tmp_path):
+    runner, evaluation = judged(tmp_path, 7, 3.0, 1.0, 2.0, 5.0)
+    assert evaluation.best.iteration == 4 and evaluation.best.score == 1.0
+    seen = evaluation._evaluator.seen
+    assert torch.equal(exported(runner, evaluation), seen[1])
+    assert len(seen) == 4  # the last weights were judged too
     assert [row["iteration"] for row in rows(tmp_path) if "evaluation/score" in row] == [2, 4, 6]
 
 
 def test_later_weights_are_kept_while_chance_may_be_why_they_score_worse(tmp_path):
     # 1.9 is within 1 of the lowest, 1.0; 2.1 is not.
-    evaluator = ScriptedEvaluator([3.0, 1.0, 1.9, 2.1], error=1.0)
-    runner = make_runner(tmp_path, 8, evaluator=evaluator, evaluate_every=2)
-    runner.run()
-    assert (runner.best.iteration, runner.best.score, runner.best.limit) == (6, 1.0, 2.0)
-    weights = runner.final_weights(judge=True)
-    assert torch.equal(runner.actor_with(weights)(torch.ones(1, 7)), evaluator.seen[2])
-    assert runner.best.figures["score"] == 1.9
+    runner, evaluation = judged(tmp_path, 8, 3.0, 1.0, 1.9, 2.1, error=1.0)
+    best = evaluation.best
+    assert (best.iteration, best.score, best.limit) == (6, 1.0, 2.0)
+    assert torch.equal(exported(runner, evaluation), evaluation._evaluator.seen[2])
+    assert best.figures["score"] == 1.9
 
 
 def test_best_survives_a_resume(tmp_path):
-    make_runner(tmp_path, 4, evaluator=ScriptedEvaluator([1.0, 2.0]), evaluate_every=2).run()
-    resumed = make_runner(tmp_path, 6, resume=True, evaluator=ScriptedEvaluator([3.0]), evaluate_every=2)
-    resumed.run()
-    assert resumed.best.iteration == 2 and resumed.best.figures == {"score": 1.0, "score_error": 0.0, "empbpe_mm": 1.0}
+    judged(tmp_path, 4, 1.0, 2.0)
+    best = judged(tmp_path, 6, 3.0, resume=True)[1].best
+    assert best.iteration == 2 and best.figures == {"score": 1.0, "score_error": 0.0, "empbpe_mm": 1.0}
 
 
 def test_a_resumed_run_still_knows_what_is_as_good_as_the_lowest(tmp_path):
-    make_runner(tmp_path, 2, evaluator=ScriptedEvaluator([1.0], error=1.0), evaluate_every=2).run()
-    resumed = make_runner(tmp_path, 6, resume=True, evaluator=ScriptedEvaluator([1.9, 2.1]), evaluate_every=2)
-    resumed.run()
-    assert (resumed.best.iteration, resumed.best.score) == (4, 1.0)
+    judged(tmp_path, 2, 1.0, error=1.0)
+    best = judged(tmp_path, 6, 1.9, 2.1, error=1.0, resume=True)[1].best
+    assert (best.iteration, best.score) == (4, 1.0)
+
+
+def test_who_judged_the_end_of_one_life_judges_it_anew_in_the_next(tmp_path):
+    """What was seen after the last row is in no checkpoint: a run that goes on equals one that was never stopped."""
+    judged(tmp_path, 3, 2.0, 1.0)
+    assert judged(tmp_path, 6, 3.0, 3.0, resume=True)[1].best.iteration == 2
 
 
 def test_judging_does_not_change_the_training(tmp_path):
     make_runner(tmp_path / "a", 6).run()
-    make_runner(tmp_path / "b", 6, evaluator=ScriptedEvaluator([1.0, 2.0, 3.0]), evaluate_every=2).run()
+    judged(tmp_path / "b", 6, 1.0, 2.0, 3.0)
     trained = [{k: v for k, v in row.items() if not k.startswith("evaluation/")} for row in rows(tmp_path / "b")]
     assert trained == rows(tmp_path / "a")
 
 
-class ScriptedTrimmer:
-    """Remembers what it was asked to trim."""
+class Diary(Hook):
+    """Writes down when it is called, and with which figures."""
 
-    def __init__(self):
-        self.seen = []
+    def __init__(self, name, pages):
+        self.name, self.pages = name, pages
 
-    def trim(self, act):
-        self.seen.append(act(torch.ones(1, 7)))
-        return {"share": 0.5}
+    def before_run(self, run):
+        self.pages.append((self.name, "before", run.iteration))
+
+    def after_iteration(self, run, row):
+        row[self.name] = run.iteration
+        self.pages.append((self.name, run.iteration, sorted(row.keys() & {"a", "b"})))
+
+    def after_run(self, run):
+        self.pages.append((self.name, "after", run.outcome))
 
 
-def test_trims_the_averaged_actor_between_iterations_after_it_was_judged(tmp_path):
-    """Whenever the iterations have doubled, which 6 are not, but not after the last: nothing would learn beside it."""
-    trimmer, evaluator = ScriptedTrimmer(), ScriptedEvaluator([3.0, 2.0, 1.0, 1.0])
-    runner = make_runner(tmp_path, 8, trimmer=trimmer, trim_first=2, evaluator=evaluator, evaluate_every=2)
-    runner.run()
-    assert [row["iteration"] for row in rows(tmp_path) if row.get("trim/share") == 0.5] == [2, 4]
-    assert all(torch.equal(a, b) for a, b in zip(trimmer.seen, evaluator.seen))
+def test_hooks_are_called_in_order_and_at_the_end_in_reverse(tmp_path):
+    pages = []
+    make_runner(tmp_path, 1, first=[Diary("a", pages), Diary("b", pages)]).run()
+    assert pages == [
+        ("a", "before", 0), ("b", "before", 0), ("a", 1, ["a"]), ("b", 1, ["a", "b"]),
+        ("b", "after", "completed"), ("a", "after", "completed"),
+    ]  # fmt: skip
+    assert [row["a"] for row in rows(tmp_path)] == [1]
 
 
 def test_environment_hears_of_each_iteration(tmp_path):
@@ -200,7 +219,7 @@ def test_nan_stops_the_run_and_can_be_seen_again(tmp_path):
 def test_nan_in_weights_is_found_before_the_environment_sees_it(tmp_path):
     runner = make_runner(tmp_path, 10)
     with torch.no_grad():
-        runner._learner.actor.mlp.output.bias[1] = float("nan")
+        runner.learner.actor.mlp.output.bias[1] = float("nan")
     with pytest.raises(NonFiniteError, match=r"actions: NaN or infinity in environment 0, 1, 2, .* and 8 more"):
         runner.run()
 
@@ -208,7 +227,7 @@ def test_nan_in_weights_is_found_before_the_environment_sees_it(tmp_path):
 def test_nan_in_a_loss_is_found_before_the_optimiser_uses_it(tmp_path):
     runner = make_runner(tmp_path, 10)
     with torch.no_grad():
-        runner._learner.critic.mlp.output.bias[0] = float("inf")
+        runner.learner.critic.mlp.output.bias[0] = float("inf")
     with pytest.raises(NonFiniteError, match="iteration 1: loss"):
         runner.run()
-    assert all(torch.isfinite(p).all() for p in runner._learner.actor.parameters())
+    assert all(torch.isfinite(p).all() for p in runner.learner.actor.parameters())

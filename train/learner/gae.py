@@ -36,12 +36,3 @@ def advantages_per_head(
         running = deltas[t] + gamma * lam * alive[t] * running
         advantages[t] = running
     return advantages
-
-
-def paired_differences(advantages: Tensor) -> Tensor:
-    """Of advantages (T, B) the part that robots and twins (second half of B) differ by: (T, B).
-
-    What both owe to the state that they share, to disturbances or to an error of the critic is not in it.
-    """
-    robots, twins = advantages.chunk(2, dim=1)
-    return 0.5 * torch.cat([robots - twins, twins - robots], dim=1)

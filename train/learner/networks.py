@@ -1,5 +1,6 @@
 """Actor and critic: plain MLPs whose hidden layers may run in bf16 and whose output layers stay in fp32."""
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -8,8 +9,6 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-
-from train.learner.normalizer import PhaseNormalizer
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU}
 
@@ -60,6 +59,10 @@ class Mlp(nn.Module):
         self.output = _linear(sizes[-1], outputs, generator, output_gain)
         self.low_precision = precision == "bf16"
 
+    def stored(self, x: Tensor) -> Tensor:
+        """x as its first layer takes it: half of the size in bf16."""
+        return x.bfloat16() if self.low_precision else x
+
     def forward(self, x: Tensor) -> Tensor:
         """(..., inputs) → (..., outputs) float32."""
         if self.low_precision:
@@ -81,34 +84,29 @@ class Mlp(nn.Module):
         return x
 
 
-class Features(Protocol):
-    """``size`` further inputs of the network; the last ``unseen`` columns of the observation are for them alone."""
+class ActionPrior(Protocol):
+    """An action without trained parameters, to which the network adds a residual. A module.
 
-    size: int
+    ``inputs``: how many further inputs it gives to the network.
+    ``unseen``: how many of the observation's last columns are for it alone.
+    """
+
+    inputs: int
     unseen: int
 
-
-class Base(Protocol):
-    """An action without trained parameters, and further inputs of the network that it has at hand."""
-
-    @property
-    def features(self) -> Features | None:
-        """What is known of the further inputs, if there are any."""
-        ...
-
     def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Action (B, J) and features (B, size) of observations (B, Da)."""
+        """Action (B, J) and further inputs (B, ``inputs``), if any, of observations (B, Da)."""
         ...
 
 
 class Actor(nn.Module):
-    """Gaussian policy: mean = base(obs) + mlp(obs), one standard deviation per action.
+    """Gaussian policy: mean = prior(obs) + residual, one standard deviation per action.
 
     Args:
-        mlp: network from the observation to the actions.
+        mlp: the residual, or without a prior the whole mean.
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
-        base: optional module, see :class:`Base`.
+        prior: optional module, see :class:`ActionPrior`.
     """
 
     def __init__(
@@ -116,30 +114,40 @@ class Actor(nn.Module):
         mlp: Mlp,
         num_actions: int,
         noise_std: tuple[float, float, float],
-        base: Base | None = None,
+        prior: ActionPrior | None = None,
     ) -> None:
         super().__init__()
-        self.mlp, self.base = mlp, base
-        features = None if base is None else base.features
-        self._seen = mlp.input_size - (0 if features is None else features.size)
-        self.observation_size = self._seen + (0 if features is None else features.unseen)
+        self.mlp, self.prior = mlp, prior
+        inputs, unseen = (0, 0) if prior is None else (prior.inputs, prior.unseen)
+        self._seen = mlp.input_size - inputs
+        self.observation_size = self._seen + unseen
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
-        self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start)))
+        self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start), device=mlp.output.weight.device))
 
-    def look(self, obs: Tensor) -> tuple[Tensor, Tensor | None]:
-        """What the network sees of obs (B, Da), and the base's action (B, J)."""
+    def prepare(self, obs: Tensor) -> dict[str, Tensor]:
+        """What :meth:`mean` needs of obs (B, Da), and what no training changes."""
         seen = obs[..., : self._seen]
-        if self.base is None:
-            return seen, None
-        action, features = self.base.look(obs)
-        return seen if features is None else torch.cat([seen, features], dim=-1), action
+        if self.prior is None:
+            return {"inputs": self.mlp.stored(seen)}
+        action, further = self.prior.look(obs)
+        inputs = seen if further is None else torch.cat([seen, further], dim=-1)
+        return {"inputs": self.mlp.stored(inputs), "prior": action}
+
+    def mean(self, inputs: Tensor, prior: Tensor | None = None) -> Tensor:
+        """Mean action (B, J) of what :meth:`prepare` returned."""
+        residual = self.mlp(inputs)
+        return residual if prior is None else prior + residual
 
     def forward(self, obs: Tensor) -> Tensor:
         """Mean action (B, J) of obs (B, Da)."""
-        inputs, base = self.look(obs)
-        residual = self.mlp(inputs)
-        return residual if base is None else base + residual
+        return self.mean(**self.prepare(obs))
+
+    def deployed(self) -> "Actor":
+        """A copy as it is exported: everything in fp32, no gradients."""
+        twin = copy.deepcopy(self).eval().requires_grad_(False)
+        twin.mlp.low_precision = False
+        return twin
 
     @torch.no_grad()
     def limit_noise(self) -> None:
@@ -147,17 +155,57 @@ class Actor(nn.Module):
         self.log_std.clamp_(*self._log_bounds)
 
 
-class Critic(nn.Module):
-    """State values (..., H): one head per reward term, or a single one for their sum."""
+class Normalizer(Protocol):
+    """Changes what the critic sees, by what it saw. A module.
 
-    def __init__(self, mlp: Mlp, normalizer: PhaseNormalizer | None = None) -> None:
+    ``weight_columns``: inputs of the critic's first layer.
+    """
+
+    weight_columns: int
+
+    def __call__(self, observation: Tensor) -> Tensor:
+        """Inputs (..., m) of observations (..., n)."""
+        ...
+
+    def fold(self, weight: Tensor) -> Tensor:
+        """The first layer's weight (units, ``weight_columns``) → the weight (units, m) on these inputs."""
+        ...
+
+    def update(self, observation: Tensor) -> None:
+        """Take in observations (k, n)."""
+        ...
+
+
+class Critic(nn.Module):
+    """State values (..., H), one head per group of reward columns."""
+
+    def __init__(self, mlp: Mlp, normalizer: Normalizer | None = None) -> None:
         super().__init__()
         self.mlp, self.normalizer = mlp, normalizer
+        self._remembered: list[Tensor] = []
 
-    def inputs(self, obs: Tensor) -> Tensor:
-        """What the network sees of obs (..., Dc)."""
-        return obs if self.normalizer is None else self.normalizer(obs)
+    def prepare(self, obs: Tensor) -> dict[str, Tensor]:
+        """What :meth:`values` needs of obs (..., Dc)."""
+        return {"inputs": self.mlp.stored(obs if self.normalizer is None else self.normalizer(obs))}
+
+    def values(self, inputs: Tensor) -> Tensor:
+        """Values (..., H) of what :meth:`prepare` returned."""
+        return self.mlp(inputs)
 
     def forward(self, obs: Tensor) -> Tensor:
         """Values (..., H) of obs (..., Dc)."""
-        return self.mlp(self.inputs(obs))
+        return self.values(**self.prepare(obs))
+
+    def remember(self, obs: Tensor) -> None:
+        """Keep obs (B, Dc) for :meth:`normalize`."""
+        if self.normalizer is not None:
+            self._remembered.append(obs)
+
+    def normalize(self) -> None:
+        """Let the normaliser take in what was remembered; after learning, so that rollout and learner agree."""
+        if self.normalizer is not None:
+            self.normalizer.update(torch.cat(self._remembered))
+
+    def forget(self) -> None:
+        """Drop what was remembered."""
+        self._remembered = []

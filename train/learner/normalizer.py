@@ -3,6 +3,9 @@
 import torch
 from torch import Tensor, nn
 
+from train.distributed import Alone, Reduce
+from train.interface import Columns, width
+
 PHASE_MEMORY = 0.95
 INPUT_CLIP = 5.0
 SPREAD_MIN = 1e-3
@@ -20,6 +23,7 @@ class PhaseNormalizer(nn.Module):
         size: n.
         knots: the last columns of the observation, which weigh the knots of its phase
             (:func:`train.phase_basis.phase_hats`) and are passed on as they are.
+        reduce: joins what the processes of a training saw.
     """
 
     _weight: Tensor
@@ -31,8 +35,9 @@ class PhaseNormalizer(nn.Module):
     spread: Tensor
     spread_off: Tensor
 
-    def __init__(self, size: int, knots: int) -> None:
+    def __init__(self, size: int, knots: int, reduce: Reduce | None = None) -> None:
         super().__init__()
+        self._reduce = reduce or Alone()
         columns = size - knots
         self._knots, self.weight_columns = knots, 2 * columns + knots
         for name, shape, value in (
@@ -41,7 +46,7 @@ class PhaseNormalizer(nn.Module):
             ("mean", (columns,), 0.0), ("usual", (knots, columns), 0.0),
             ("spread", (columns,), 1.0), ("spread_off", (columns,), 1.0),
         ):  # fmt: skip
-            self.register_buffer(name, torch.full(shape, value))
+            self.register_buffer(name, torch.full(shape, value, device="cpu"))
 
     def forward(self, observation: Tensor) -> Tensor:
         """(..., n) → (..., n): off the usual, in spreads, and the knots' weights."""
@@ -75,6 +80,11 @@ class PhaseNormalizer(nn.Module):
         self.spread.copy_((self._square / count - self.mean.square()).clamp(min=0.0).sqrt() + SPREAD_MIN)
         self.spread_off.copy_((self._square_off / count).sqrt() + SPREAD_MIN)
 
-    @staticmethod
-    def _remember(total: Tensor, fresh: Tensor) -> None:
-        total.mul_(PHASE_MEMORY).add_(fresh)
+    def _remember(self, total: Tensor, fresh: Tensor) -> None:
+        total.mul_(PHASE_MEMORY).add_(self._reduce.sum(fresh))
+
+
+def normalizer_of(columns: Columns, reduce: Reduce) -> PhaseNormalizer | None:
+    """What the critic's observation asks for: one by phase where its last term weighs knots of the phase."""
+    knots = columns.get("phase_knots")
+    return None if knots is None else PhaseNormalizer(width(columns), knots.stop - knots.start, reduce)

@@ -1,10 +1,10 @@
 """What the learner can be told: checked at construction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from core.errors import InputError
 from core.structured import at_least, positive, within
+from train.learner.exploration import ExplorationSettings
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,7 @@ class LearnerSettings:
         lam: decay λ of the advantages that the actor learns from.
         critic_lam: decay λ of the returns that the critic learns.
         clip: surrogate and value clipping range.
-        value_coefficient: weight of the value loss.
-        entropy_coefficient: weight of the entropy bonus.
+        losses: weight of each of :data:`train.learner.losses.LOSSES` that counts.
         max_grad_norm: bound on the gradient norm, of actor and critic separately.
         learning_rate: at the start.
         learning_rate_range: bounds of the adaptation.
@@ -35,8 +34,8 @@ class LearnerSettings:
         critic_hidden: hidden layers of the critic.
         activation: of the hidden layers.
         actor_output_gain: factor on the actor's initial output layer.
-        paired_steps: half of the robots are twins of the others and try the opposite exploration noise under the same
-            disturbances, for this many steps; the actor learns from how both differ. None: no robot has a twin.
+        exploration: see :class:`train.learner.exploration.ExplorationSettings`.
+        critic_first: iterations in which the actor is held still and only the critic learns.
         average_iterations: the judged and exported actor is the average over about this many iterations; 1 = the last.
     """
 
@@ -47,8 +46,7 @@ class LearnerSettings:
     lam: float = 0.95
     critic_lam: float = 0.95
     clip: float = 0.2
-    value_coefficient: float = 1.0
-    entropy_coefficient: float = 0.01
+    losses: dict[str, float] = field(default_factory=lambda: {"surrogate": 1.0, "value": 1.0, "entropy": 0.01})
     max_grad_norm: float = 1.0
     learning_rate: float = 1e-3
     learning_rate_range: tuple[float, float] = (1e-5, 1e-2)
@@ -63,7 +61,8 @@ class LearnerSettings:
     critic_hidden: tuple[int, ...] = (768, 512, 128)
     activation: Literal["elu", "silu"] = "elu"
     actor_output_gain: float = 1.0
-    paired_steps: int | None = None
+    exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
+    critic_first: int = 0
     average_iterations: int = 1
 
     def __post_init__(self) -> None:
@@ -71,16 +70,11 @@ class LearnerSettings:
             at_least(f"learner.{name}", getattr(self, name), 1)
         for name in ("clip", "max_grad_norm", "learning_rate", "kl_target", "noise_std", "actor_output_gain"):
             positive(f"learner.{name}", getattr(self, name))
-        for name in ("value_coefficient", "entropy_coefficient"):
-            at_least(f"learner.{name}", getattr(self, name), 0)
+        for name, weight in self.losses.items():
+            at_least(f"learner.losses.{name}", weight, 0)
+        at_least("learner.critic_first", self.critic_first, 0)
         for name in ("gamma", "lam", "critic_lam"):
             within(f"learner.{name}", getattr(self, name), 0.0, 1.0)
-        if self.paired_steps is not None and (self.paired_steps < 1 or self.horizon % self.paired_steps):
-            raise InputError(
-                "does not divide the horizon", where="learner.paired_steps", got=self.paired_steps,
-                expected=f"a divisor of learner.horizon, {self.horizon}",
-                hint="learner.paired_steps=null trains without twins",
-            )  # fmt: skip
         at_least("learner.kl_factor", self.kl_factor, 1.0)
         if self.kl_decay is not None:
             at_least("learner.kl_decay", self.kl_decay, 1)

@@ -1,64 +1,51 @@
 """The samples of one iteration, in tensors allocated once."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """T steps of B environments; Da, Dc observation sizes; J actions; H value heads."""
+class Minibatch(dict[str, Tensor]):
+    """Columns (n, ...) of some samples by name."""
 
-    horizon: int
-    num_envs: int
-    actor_obs: int
-    critic_obs: int
-    actions: int
-    heads: int
-
-
-@dataclass
-class Batch:
-    """Samples (n, ·) of one minibatch; ``base`` (n, J) is the part of the mean that is not trained."""
-
-    actor_inputs: Tensor
-    critic_inputs: Tensor
-    base: Tensor
-    actions: Tensor
-    old_mean: Tensor
-    old_log_prob: Tensor
-    advantages: Tensor
-    values: Tensor
-    returns: Tensor
+    def of(self, network: str) -> dict[str, Tensor]:
+        """What ``network`` prepared of its observations, see :meth:`Storage.put`."""
+        prefix = f"{network}/"
+        return {name.removeprefix(prefix): column for name, column in self.items() if name.startswith(prefix)}
 
 
 class Storage:
-    """Preallocated (T, B, ·) tensors. ``input_dtype`` is that of the networks' inputs (bf16 halves their size)."""
+    """Columns (T, B, ...) for T steps, each of the type and on the device of what comes first."""
 
-    def __init__(self, sizes: Sizes, input_dtype: torch.dtype, device: torch.device) -> None:
-        self.sizes, self.step = sizes, 0
+    def __init__(self, horizon: int) -> None:
+        self.horizon, self.step = horizon, 0
+        self.columns: dict[str, Tensor] = {}
 
-        def allocate(*size: int, dtype: torch.dtype = torch.float32) -> Tensor:
-            return torch.zeros(sizes.horizon, sizes.num_envs, *size, dtype=dtype, device=device)
+    def __getitem__(self, name: str) -> Tensor:
+        return self.columns[name]
 
-        self.actor_inputs = allocate(sizes.actor_obs, dtype=input_dtype)
-        self.critic_inputs = allocate(sizes.critic_obs, dtype=input_dtype)
-        self.base, self.actions, self.mean = (allocate(sizes.actions) for _ in range(3))
-        self.log_prob = allocate()
-        self.rewards, self.values, self.returns = (allocate(sizes.heads) for _ in range(3))
-        self.done = allocate(dtype=torch.bool)
-        self.advantages = allocate()
+    def put(self, **values: Tensor | dict[str, Tensor]) -> None:
+        """Write values (B, ...) of the present step; a dict of them is what the network of that name prepared."""
+        for name, value in values.items():
+            if isinstance(value, dict):
+                self.put(**{f"{name}/{part}": tensor for part, tensor in value.items()})
+            else:
+                self._column(name, value)[self.step] = value
 
-    def minibatches(self, count: int, generator: torch.Generator) -> Iterator[Batch]:
+    def set(self, **columns: Tensor) -> None:
+        """Whole columns (T, B, ...)."""
+        self.columns.update(columns)
+
+    def minibatches(self, count: int, generator: torch.Generator) -> Iterator[Minibatch]:
         """Yield ``count`` minibatches that together hold every sample once, in an order drawn from ``generator``."""
-        total = self.sizes.horizon * self.sizes.num_envs
-        order = torch.randperm(total, generator=generator, device=self.rewards.device)
-        columns = (
-            self.actor_inputs, self.critic_inputs, self.base, self.actions, self.mean,
-            self.log_prob, self.advantages, self.values, self.returns,
-        )  # fmt: skip
-        flat = [column.flatten(0, 1) for column in columns]
+        flat = {name: column.flatten(0, 1) for name, column in self.columns.items()}
+        total = len(next(iter(flat.values())))
+        order = torch.randperm(total, generator=generator, device=generator.device)
         for rows in order.tensor_split(count):
-            yield Batch(*(column.index_select(0, rows) for column in flat))
+            yield Minibatch({name: column.index_select(0, rows) for name, column in flat.items()})
+
+    def _column(self, name: str, like: Tensor) -> Tensor:
+        if name not in self.columns:
+            self.columns[name] = torch.zeros(self.horizon, *like.shape, dtype=like.dtype, device=like.device)
+        return self.columns[name]

@@ -26,8 +26,7 @@ class PairedEnv:
     def __init__(self, leaders: TrackingEnv, twins: TrackingEnv, steps: int) -> None:
         self._leaders, self._twins, self._steps, self._together = leaders, twins, steps, 0
         self.num_envs, self.num_actions = 2 * leaders.num_envs, leaders.num_actions
-        self.actor_obs_dim, self.critic_obs_dim = leaders.actor_obs_dim, leaders.critic_obs_dim
-        self.phase_knots, self.reward_names = leaders.phase_knots, leaders.reward_names
+        self.layout, self.device, self.reward_names = leaders.layout, leaders.device, leaders.reward_names
         self._everyone = torch.ones(leaders.num_envs, dtype=torch.bool)
         self._twins.follow(leaders, self._everyone)
 
@@ -63,7 +62,7 @@ class PairedEnv:
         return self._leaders.figures()
 
     def finish_iteration(self) -> None:
-        """See :class:`train.interface.TrackingEnv`."""
+        """See :class:`train.interface.Environment`."""
         for env in (self._leaders, self._twins):
             env.finish_iteration()
 

@@ -75,13 +75,11 @@ class TrackingEnv:
             TERMINATIONS.bound(name, params) for name, params in s.termination.terms.items() if params is not None
         ]
         self.critic = Critic(s, command, self.observations, self._physics, CONTROL_PERIOD_S)
-        self.phase_knots = self.critic.phase_knots
         self.curricula = {name: Curriculum(getattr(s, name)) for name in _CURRICULA}
         self.average, self.uniform_average, self._length_ratio = EpisodeAverage(), EpisodeAverage(), LengthRatio()
         self._everyone = torch.arange(self.num_envs, device=self.device)
         self.state = self._first_state()
-        observations = self.reset()
-        self.actor_obs_dim, self.critic_obs_dim = (observations[name].shape[1] for name in ("actor", "critic"))
+        self.reset()
 
     def _first_state(self) -> EnvState:
         envs, device = self.num_envs, self.device

@@ -1,4 +1,4 @@
-"""The base action from the configuration."""
+"""The action prior from the section ``prior`` of the configuration."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,10 +8,10 @@ from robot.robot import Robot
 from train.config import TrainConfig
 from train.mdp.tracking import ACTION_SCALE
 from train.priors.fitting import fit_estimate
-from train.priors.module import BaseAction, build_base_action
+from train.priors.module import ModelPrior, build_prior
 
 
-def base_action_of(
+def prior_of(
     config: TrainConfig,
     robot: Robot,
     reference: Reference,
@@ -19,8 +19,8 @@ def base_action_of(
     fit: bool = True,
     stored: Path | None = None,
     progress: Callable[[str], None],
-) -> BaseAction | None:
-    """Build it, and fit its estimate where the configuration says so; ``None`` without a base action.
+) -> ModelPrior | None:
+    """Build it, and fit its estimate where the configuration says so; ``None`` without a prior.
 
     Args:
         config: of the run.
@@ -30,13 +30,13 @@ def base_action_of(
         progress: told what takes long.
     """
     lags, threads = config.environment.older_lags, config.threads
-    base = build_base_action(
-        config.base_action, robot, reference, ACTION_SCALE,
+    base = build_prior(
+        config.prior, robot, reference, ACTION_SCALE,
         group=config.environment.actor_group(), older_lags=lags, threads=threads, stored=stored, progress=progress,
     )  # fmt: skip
-    if base is not None and fit and config.base_action.estimate == "fitted":
+    if base is not None and fit and config.prior.estimate == "fitted":
         fit_estimate(
             base, config.environment, robot, reference, num_envs=config.num_envs, seed=config.seed, threads=threads,
-            noise_std=config.learner.noise_std_range[0], progress=progress,
+            noise_std=config.prior.fit_noise_std, progress=progress,
         )  # fmt: skip
     return base

@@ -33,8 +33,8 @@ class FeedbackCosts:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            at_least(f"base_action.costs.{f.name}", getattr(self, f.name), 0.0)
-        positive("base_action.costs.target", self.target)
+            at_least(f"prior.costs.{f.name}", getattr(self, f.name), 0.0)
+        positive("prior.costs.target", self.target)
 
 
 def add_stance_welds(spec: mujoco.MjSpec, robot: Robot) -> None:

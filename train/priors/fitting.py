@@ -17,7 +17,7 @@ from train.mdp.factory import build_environment
 from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings
 from train.mdp.tracking import TrackingEnv
 from train.priors.estimator import interpolate
-from train.priors.module import BaseAction
+from train.priors.module import ModelPrior
 
 ROUNDS = 2
 TICKS, FIRST_TICK, EVERY_TICKS = 160, 20, 4
@@ -26,7 +26,7 @@ RIDGE = 1e-2
 
 @torch.no_grad()
 def fit_estimate(
-    base: BaseAction,
+    base: ModelPrior,
     settings: EnvironmentSettings,
     robot: Robot,
     reference: Reference,
@@ -75,7 +75,7 @@ def ridge(clues: torch.Tensor, errors: torch.Tensor) -> torch.Tensor:
 
 
 def _played(
-    base: BaseAction, env: TrackingEnv, noise_std: float, noise: torch.Generator
+    base: ModelPrior, env: TrackingEnv, noise_std: float, noise: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The clues (n, C) that the base action had in a play, and the errors (n, 3+3+J+J) of its averages."""
     observations = env.reset()["actor"]
@@ -92,7 +92,7 @@ def _played(
     return torch.cat(clues), torch.cat(errors)
 
 
-def _true_deviation(base: BaseAction, env: TrackingEnv, phase: torch.Tensor) -> torch.Tensor:
+def _true_deviation(base: ModelPrior, env: TrackingEnv, phase: torch.Tensor) -> torch.Tensor:
     """What :class:`train.priors.estimator.Deviation` estimates, but for the last action: (B, 3+3+J+J)."""
     state = env.simulator.state()
     measured = torch.cat(

@@ -1,4 +1,4 @@
-"""The base action as a network layer: it is exported into the same graph as the actor's network."""
+"""The action prior as a network layer: it is exported into the same graph as the actor's network, the residual."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,12 +10,13 @@ import numpy as np
 import torch
 from torch import nn
 
+from core.errors import InputError
 from core.structured import at_least, positive
 from motion.feet import ground_lift_m
 from motion.reference import Reference
 from policy.spec import ObservationGroup
 from robot.robot import Robot
-from train.phase_basis import num_knots, phase_hats
+from train.phase_basis import num_knots
 from train.priors.estimator import PBHC, Deviation, Drift, ObservedColumns, interpolate, reference_observation
 from train.priors.feasible import Nominal, feasible_motion
 from train.priors.features import NominalFeatures
@@ -26,14 +27,13 @@ from world.model import compile_model
 
 
 @dataclass(frozen=True)
-class BaseActionSettings:
+class PriorSettings:
     """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
 
     ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
     ``estimate``: how the deviation is estimated, by averages alone or with a correction fitted to rollouts.
     ``features``: whether the actor's network sees :class:`train.priors.features.NominalFeatures` too.
-    ``trim_first``: iterations after which :class:`train.priors.trim.Trim` moves the targets, and again whenever
-    they have doubled; None: never.
+    ``fit_noise_std``: noise on the raw actions while rollouts are gathered for the fit.
     ``feedback_clip_rad`` bounds the feedback per joint; ``knot_ticks`` is the spacing of the stored gains.
     Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
@@ -42,19 +42,26 @@ class BaseActionSettings:
     aim: Literal["feasible", "reference"] = "reference"
     estimate: Literal["averaged", "fitted"] = "averaged"
     features: bool = False
-    trim_first: int | None = None
+    fit_noise_std: float = 0.15
     feedback_clip_rad: float = 0.6
     knot_ticks: int = 10
     costs: FeedbackCosts = field(default_factory=FeedbackCosts)
 
     def __post_init__(self) -> None:
-        positive("base_action.feedback_clip_rad", self.feedback_clip_rad)
-        at_least("base_action.knot_ticks", self.knot_ticks, 1)
-        if self.trim_first is not None:
-            at_least("base_action.trim_first", self.trim_first, 1)
+        positive("prior.feedback_clip_rad", self.feedback_clip_rad)
+        at_least("prior.knot_ticks", self.knot_ticks, 1)
+        at_least("prior.fit_noise_std", self.fit_noise_std, 0.0)
+
+    def check(self, older_lags: tuple[tuple[int, ...], ...]) -> None:
+        """InputError where nothing would look at ``older_lags`` of the observation."""
+        if older_lags and not self.features:
+            raise InputError(
+                "nothing looks at them", where="environment.older_lags", got=older_lags,
+                expected="prior.features=true with them, or none",
+            )  # fmt: skip
 
 
-class BaseAction(nn.Module):
+class ModelPrior(nn.Module):
     """Raw action (B, J) of the model-based controller for actor observations (B, 380).
 
     target = feed-forward target(phase) − clip(gains(phase)·deviation), where the deviation from the reference is
@@ -76,6 +83,7 @@ class BaseAction(nn.Module):
     ) -> None:
         super().__init__()
         self.deviation, self.features = deviation, features
+        self.inputs, self.unseen = (0, 0) if features is None else (features.size, features.unseen)
         self._joints, self._width = gains.shape[1:]
         self._phase_column, self._clip, self._stretch = phase_column, feedback_clip, stretch
         self.register_buffer("targets", torch.tensor(targets).float())
@@ -84,11 +92,6 @@ class BaseAction(nn.Module):
     def phase(self, observation: torch.Tensor) -> torch.Tensor:
         """Where in its tables (B,), 0 to 1, an observation (B, 380+) is."""
         return (observation[:, self._phase_column] * self._stretch).clamp(0.0, 1.0)
-
-    def move_targets(self, offsets: torch.Tensor) -> None:
-        """Add offsets (K, J), raw actions at knots spread evenly over the clip."""
-        hats = phase_hats(torch.linspace(0.0, 1.0, len(self.targets)), len(offsets))
-        self.targets += hats @ offsets
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """See the class."""
@@ -108,8 +111,8 @@ class BaseAction(nn.Module):
         return feedback.clamp(-self._clip, self._clip)
 
 
-def build_base_action(
-    settings: BaseActionSettings,
+def build_prior(
+    settings: PriorSettings,
     robot: Robot,
     reference: Reference,
     action_scale: float,
@@ -119,8 +122,8 @@ def build_base_action(
     threads: int = 1,
     stored: Path | None = None,
     progress: Callable[[str], None] = lambda line: None,
-) -> BaseAction | None:
-    """Compute the base action of a reference for actors that see ``group``; ``None`` where the settings say so.
+) -> ModelPrior | None:
+    """Compute the prior of a reference for actors that see ``group``; ``None`` where the settings say so.
 
     Takes some seconds; with a feasible aim some minutes, unless it is ``stored`` there from an earlier call.
     """
@@ -149,7 +152,7 @@ def build_base_action(
     features = None
     if s.features:
         features = NominalFeatures(deviation, num_knots(reference.duration_s))
-    return BaseAction(
+    return ModelPrior(
         deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_CLOCKED = ("collect", "learn", "evaluate", "trim")
+_CLOCKED = ("collect", "learn", "evaluate")
 _WITHIN_COLLECTING = (
     ("the actor acts", "time/act_s"),
     ("the environment steps", "time/step_s"),
@@ -28,11 +28,11 @@ class Part:
 def time_split(rows: Sequence[Mapping[str, Any]]) -> list[Part]:
     """What the time of all rows was spent on, saving included, which the run's own clock leaves out.
 
-    Preparing is what the clock says of the first row beyond its parts: building environments and base action.
+    Preparing is what the clock says of the first row beyond its parts: building environments and action prior.
     """
     if not rows:
         return []
-    collect, learn, judge, trim, save = (_sum(rows, f"time/{name}_s") for name in (*_CLOCKED, "save"))
+    collect, learn, judge, save = (_sum(rows, f"time/{name}_s") for name in (*_CLOCKED, "save"))
     inner = [Part(name, _sum(rows, key), within=True) for name, key in _WITHIN_COLLECTING]
     prepare = _beyond_parts(rows[:1], float(rows[0].get("time/wall_s") or 0.0))
     rest = _beyond_parts(rows, float(rows[-1].get("time/wall_s") or 0.0) - prepare)
@@ -42,7 +42,6 @@ def time_split(rows: Sequence[Mapping[str, Any]]) -> list[Part]:
         *(part for part in inner if part.seconds > 0.0),
         Part("learning", learn),
         Part("evaluating", judge),
-        Part("trimming", trim),
         Part("saving: checkpoints, curves, report", save),
         Part("everything else", rest),
     ]

@@ -36,8 +36,8 @@ def run_dir(tmp_path_factory):
     small = (
         "num_envs=4",
         "learner.horizon=4",
-        "learner.paired_steps=2",
-        "base_action.kind=none",
+        "learner.exploration.steps=2",
+        "prior.kind=none",
         "threads=1",
         "precision=fp32",
     )

@@ -12,13 +12,13 @@ from motion.reference import build_reference
 from policy.layouts import OLDER_TERMS, pbhc_actor_group
 from policy.spec import ObservationGroup
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
-from train.export import deployed, to_onnx, verify
+from train.export import to_onnx, verify
 from train.learner.networks import Actor, Mlp
 from train.mdp.factory import build_environment
 from train.priors.estimator import ObservedColumns, interpolate
 from train.priors.feedback import _StanceGeometry
 from train.priors.feedforward import feedforward_torques
-from train.priors.module import BaseActionSettings, build_base_action, linearization_model
+from train.priors.module import PriorSettings, build_prior, linearization_model
 from world.model import compile_model
 
 ACTION_SCALE = 0.25
@@ -50,7 +50,7 @@ def test_feedforward_torques_hold_the_robot_on_real_contacts(standing):
 
 def test_it_stands_for_six_seconds_without_any_learning(standing):
     robot, reference = standing
-    base = build_base_action(BaseActionSettings(), robot, reference, ACTION_SCALE)
+    base = build_prior(PriorSettings(), robot, reference, ACTION_SCALE)
     start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
     rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}, "max_episode_s": 60.0}
     env = build_environment(settings(start=start, termination=rule), robot, reference, num_envs=16, seed=0, threads=2)
@@ -64,7 +64,7 @@ def test_it_stands_for_six_seconds_without_any_learning(standing):
 def test_feedforward_alone_does_not_stand(standing):
     """What the feedback is for: two ankles are softer than gravity."""
     robot, reference = standing
-    base = build_base_action(BaseActionSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
+    base = build_prior(PriorSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
     start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
     rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}, "max_episode_s": 60.0}
     env = build_environment(settings(start=start, termination=rule), robot, reference, num_envs=8, seed=0, threads=2)
@@ -78,7 +78,7 @@ def test_feedforward_alone_does_not_stand(standing):
 def test_on_the_reference_the_action_is_the_feedforward_target():
     robot = g1()
     reference = swaying_reference(robot, 1.0)
-    base = build_base_action(BaseActionSettings(), robot, reference, ACTION_SCALE)
+    base = build_prior(PriorSettings(), robot, reference, ACTION_SCALE)
     columns = ObservedColumns.of(robot)
     observation = torch.zeros(1, 380)
     tick, lags = 30, len(columns.measured)
@@ -95,7 +95,7 @@ def test_a_clip_that_ends_between_ticks_keeps_the_ticks_of_the_base():
     robot = g1()
     clip = replace(swaying_clip(robot, 1.0), fps=30.0)  # 51 frames, 1.667 s, 83 ticks
     reference = build_reference(clip, robot)
-    base = build_base_action(BaseActionSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
+    base = build_prior(PriorSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
     observation = torch.zeros(84, 380)
     observation[:, ObservedColumns.of(robot).phase] = torch.tensor(reference.phase).float()
     assert base(observation).numpy() == pytest.approx(base.targets.numpy(), abs=1e-4)
@@ -143,8 +143,8 @@ def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
     """Halfway between two knots both are one half; on the nominal motion every deviation is zero."""
     robot = g1()
     reference = swaying_reference(robot, 1.0)  # 1 s: knots every 0.2 s, six of them
-    settings_ = BaseActionSettings(kind="feedforward", features=True)
-    base = build_base_action(settings_, robot, reference, ACTION_SCALE)
+    settings_ = PriorSettings(kind="feedforward", features=True)
+    base = build_prior(settings_, robot, reference, ACTION_SCALE)
     columns = ObservedColumns.of(robot)
     observation = torch.zeros(1, 380)
     tick = 35  # 0.7 s: between the knots at 0.6 and 0.8
@@ -154,17 +154,17 @@ def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
     observation[0, columns.action] = base.deviation.reference[tick, columns.measured.shape[1] :]
     observation[0, columns.phase] = tick / 50
     seen = base.look(observation)[1][0]
-    assert len(seen) == base.features.size == 6 + 75
+    assert len(seen) == base.inputs == 6 + 75
     assert seen[:6].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.5, 0.5, 0.0], abs=1e-5)
     assert seen[6:].numpy() == pytest.approx(np.zeros(75), abs=1e-4)
     observation[0, columns.action[0]] += 1.0
     moved = base.look(observation)[1][0]
     assert (moved - seen)[-23:].tolist() == pytest.approx([0.5] + [0.0] * 22, abs=1e-6)
-    mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
+    mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
     actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380
-    graph = to_onnx(deployed(actor), "obs")
-    assert verify(deployed(actor), graph, "obs") <= 1e-5
+    graph = to_onnx(actor.deployed(), "obs")
+    assert verify(actor.deployed(), graph, "obs") <= 1e-5
 
 
 BLOCKS = ((6, 8), (10, 13, 16))
@@ -180,7 +180,7 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
     """A clip that goes on changing: the nominal history has no drift, and what is added to it comes back, averaged."""
     robot, tick = g1(), 30
     reference = swaying_reference(robot, 1.0)
-    base = build_base_action(BaseActionSettings(kind="feedforward", features=True), robot, reference, 0.25,
+    base = build_prior(PriorSettings(kind="feedforward", features=True), robot, reference, 0.25,
                              older_lags=BLOCKS)  # fmt: skip
     lags = [lag for block in BLOCKS for lag in block]
     group = pbhc_actor_group(older_lags=tuple(lags))
@@ -194,8 +194,8 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
         "projected_gravity": np.tile([0.0, 0.0, -1.0], (len(ticks), 1)),
         "ref_motion_phase": (ticks / reference.num_ticks)[:, None],
     }
-    recent = base.features.size - base.deviation.drift.size
-    assert observed(group, rows).shape[1] == 380 + base.features.unseen == 380 + len(lags) * (23 + 3 + 23 + 3)
+    recent = base.inputs - base.deviation.drift.size
+    assert observed(group, rows).shape[1] == 380 + base.unseen == 380 + len(lags) * (23 + 3 + 23 + 3)
     assert base.look(observed(group, rows))[1][0, recent:] == pytest.approx(0.0, abs=1e-5)
 
     added = np.random.default_rng(0).normal(size=(len(ticks), 23)) * 0.1
@@ -220,13 +220,13 @@ def test_earlier_ticks_are_seen_as_mean_deviations_of_their_blocks():
 
 def test_the_network_does_not_see_the_earlier_ticks_themselves():
     robot = g1()
-    base = build_base_action(BaseActionSettings(kind="feedforward", features=True), robot,
+    base = build_prior(PriorSettings(kind="feedforward", features=True), robot,
                              swaying_reference(robot, 0.5), 0.25, older_lags=BLOCKS)  # fmt: skip
-    mlp = Mlp(380 + base.features.size, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
+    mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
     actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380 + 5 * 52
     observation = torch.randn(2, actor.observation_size)
-    inputs, action = actor.look(observation)
+    inputs, action = actor.prepare(observation).values()
     assert torch.equal(inputs[:, :380], observation[:, :380])
-    assert inputs.shape[1] == 380 + base.features.size
+    assert inputs.shape[1] == 380 + base.inputs
     assert torch.equal(action, base(observation))

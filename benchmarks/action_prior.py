@@ -4,7 +4,7 @@
 Plays the base action in the training environment: starts at the first frame and anywhere, pushes, full randomisation
 and sensor noise unless --randomization says otherwise. "failures per clip" is the mean number of failures (any tracked
 point further than 0.6 m from the reference) that a robot meets on the length of the clip. KEY=VALUE as in train/run.py,
-e.g. base_action.aim=reference.
+e.g. prior.aim=reference.
 """
 
 import argparse
@@ -30,7 +30,7 @@ try:
         from train.mdp.factory import build_environment
         from train.mdp.settings import CurriculumSettings
         from train.mdp.tracking import CONTROL_PERIOD_S
-        from train.priors.build import base_action_of
+        from train.priors.build import prior_of
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
@@ -50,9 +50,9 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
     def progress(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    base = base_action_of(replace(config, num_envs=FITTED_ON), robot, reference, progress=progress)
+    base = prior_of(replace(config, num_envs=FITTED_ON), robot, reference, progress=progress)
     if base is None:
-        raise InputError("no base action", where="base_action.kind", got="none", expected="lqr or feedforward")
+        raise InputError("no base action", where="prior.kind", got="none", expected="lqr or feedforward")
 
     def fixed(value: float) -> CurriculumSettings:
         return CurriculumSettings(start=value, easy=value, hard=value, factor=0.0)
@@ -68,7 +68,7 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
         result = env.step(base(observations["actor"]))
         observations, failures = result.observations, failures + int(result.terminated.sum())
         for name, values in errors.items():
-            values.append(result.log[name])
+            values.append(float(result.log[name]))
     per_clip = failures / (steps * config.num_envs) * reference.num_ticks
     return {"failures_per_clip": per_clip, **{name: float(np.mean(values)) for name, values in errors.items()}}
 

@@ -1,0 +1,32 @@
+"""train/run.py --print: where each value comes from."""
+
+from train.run import main
+
+
+def printed(capsys, *arguments):
+    assert main([*arguments, "--print"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    return dict(line.split(" = ", 1) for line in lines)
+
+
+def test_every_key_names_the_last_layer_that_set_it(capsys):
+    shown = printed(capsys, "motion=stand", "train=pushes", "seed=3", "threads=1", "precision=auto")
+    preset = "configs/train/train/"
+    assert shown["seed"] == "3    # command line"
+    assert shown["value"] == "vector    # configs/train/config.yaml"
+    assert shown["learner.noise_std"] == f"0.2    # {preset}pushes.yaml"  # default says 0.12, paper 0.8
+    assert shown["learner.horizon"] == f"12    # {preset}default.yaml"
+    assert shown["environment.torque_soft_factor"] == f"0.85    # {preset}pbhc_release.yaml"
+    assert shown["learner.gamma"] == f"0.99    # {preset}paper.yaml"
+    assert shown["device"].split("    # ")[1] == "this machine"
+    assert shown["environment.rewards.max_joint.sigma"] == "0.3    # sigma=coarse"
+
+
+def test_a_section_given_at_once_is_from_the_command_line_too(capsys):
+    shown = printed(capsys, "motion=stand", "learner.losses={entropy: 0.5}")
+    assert shown["learner.losses.entropy"] == "0.5    # command line"
+
+
+def test_an_unusable_configuration_is_not_printed(capsys):
+    assert main(["motion=stand", "num_envs=0", "--print"]) == 2
+    assert capsys.readouterr().out == ""
