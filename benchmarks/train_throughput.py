@@ -225,7 +225,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
         "stepping_over_physics": speeds["stepping"] / speeds["physics"],
         "loop_over_physics": speeds["loop"] / speeds["physics"],
         "loop_shares": shares | {"rest": 1.0 - sum(shares.values())},
-        "motion": setup.motion_name,
+        "motion": setup.config.motion_name,
         "num_envs": config.num_envs,
         "horizon": config.learner.horizon,
         "turns": turns.counted,
