@@ -55,13 +55,15 @@ def build_environment(
         joint_friction=settings.simulation.joint_friction,
         randomization=settings.randomization_scale.start,
     )
-    recovery = None
-    if settings.start.recovery.share > 0.0:
-        motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
-        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions], device)
+    recovery = _recovery(settings, robot, device) if settings.start.recovery.share > 0.0 else None
     table = _table(robot, [*references.values()], device)
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
+
+
+def _recovery(settings: EnvironmentSettings, robot: Robot, device: Device) -> ReferenceTable:
+    motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
+    return _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions], device)
 
 
 def _table(robot: Robot, references: list[Reference], device: Device) -> ReferenceTable:

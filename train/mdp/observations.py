@@ -63,15 +63,13 @@ class Observations:
             torch.zeros(num_envs, CRITIC_LAGS, len(self._own) + 3, device=self._device),
         )
 
-    @staticmethod
-    def push(state: EnvState, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
+    def push(self, state: EnvState, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
         """Take in the samples (B, W) of every environment; every lag grows by one tick."""
         state.actor_history = torch.cat([actor_sample[:, None], state.actor_history[:, :-1]], dim=1)
         state.critic_history = torch.cat([critic_sample[:, None], state.critic_history[:, :-1]], dim=1)
 
-    @staticmethod
     def restart(
-        state: EnvState, env_ids: torch.Tensor, actor_sample: torch.Tensor, critic_sample: torch.Tensor
+        self, state: EnvState, env_ids: torch.Tensor, actor_sample: torch.Tensor, critic_sample: torch.Tensor
     ) -> None:
         """Begin the histories of ``env_ids`` (n,) anew: zeros, then the samples (n, W)."""
         for history, sample in ((state.actor_history, actor_sample), (state.critic_history, critic_sample)):
