@@ -12,7 +12,7 @@ from deploy.actor_run import ActorRun
 from deploy.loop import Loop, Observer, Plan
 from deploy.recorder import FALL_HEIGHT_M, Performance, Recorder
 from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.sequence import GantryRelease, OnlyTheClip, Unattended
 from deploy.settings import DeploySettings
 from deploy.states import Request, StateMachine
 from deploy.tick import Tick, TickResult
@@ -28,7 +28,7 @@ WATCH_AFTER_TRIP_S = 2.0
 
 
 class Start(enum.Enum):
-    """Where an episode begins: at the clip's first frame, or slack in the band."""
+    """Where an episode begins: at the clip's first frame, or slack on the gantry."""
 
     REFERENCE = "reference"
     STAND = "stand"
@@ -56,7 +56,7 @@ class EpisodeResult:
     """track, reference: what was done and what was asked, row by row, or None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
-    fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
+    fell: root below 0.3 m at any time off the gantry, or a trip where trips count. outcome: completed, fell, tripped
     or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
     """
 
@@ -88,7 +88,7 @@ def run_episode(
         scene.robot, scene.stand if start is Start.STAND else None, [scene.actor], scene.settings, scene.actor.period_s
     )
     guard = Guard(scene.robot, scene.settings, scene.actor.period_s, report_only=scene.report_only)
-    release = BandRelease(scene.settings, scene.actor.period_s)
+    release = GantryRelease(scene.settings, scene.actor.period_s)
     plan: Plan = Unattended(machine, release, scene.settings, scene.actor.period_s)
     if start is Start.REFERENCE:
         place_at_reference(scene.backend, scene.actor, start_noise_rad, rng)
@@ -122,7 +122,7 @@ def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: flo
 
 
 class FallWatch:
-    """An observer: has the root been below 0.3 m while the band did not hold it?"""
+    """An observer: has the root been below 0.3 m while the gantry did not hold it?"""
 
     def __init__(self, backend: MujocoBackend) -> None:
         self._backend = backend
@@ -131,7 +131,7 @@ class FallWatch:
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
         if state is not None and state.truth is not None and state.truth.root_pos_w[2] < FALL_HEIGHT_M:
-            self.fell = self.fell or not self._backend.band_attached
+            self.fell = self.fell or not self._backend.gantry_attached
 
 
 class _UntilFall:

@@ -22,7 +22,7 @@ from deploy.recorder import Recorder
 from deploy.remote import Gamepad, RemoteButtons
 from deploy.report import Ending, RunReport, make_report
 from deploy.safety.guard import Guard
-from deploy.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.sequence import GantryRelease, OnlyTheClip, Unattended
 from deploy.settings import DeploySettings, load_settings
 from deploy.states import StateMachine
 from deploy.tick import Tick
@@ -118,7 +118,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         config=options.hal_config,
         sim=sim,
         sim_model=options.sim_model,
-        band=options.start is Start.STAND,
+        gantry=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,
         rng=np.random.default_rng(options.seed),
         endpoints=options.endpoints,
@@ -194,7 +194,7 @@ def _perform(
 ) -> Ending:
     """Run the loop."""
     machine, recorder = performer.machine, performer.recorder
-    release = BandRelease(setup.settings, setup.period_s)
+    release = GantryRelease(setup.settings, setup.period_s)
     plan = _begin(options, setup, machine, release)
     observers: list[Observer] = [recorder, Console(refusals=options.attended)]
     operators: list[RequestSource] = [signals]
@@ -235,7 +235,7 @@ def _perform(
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 
-def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: BandRelease) -> Plan | None:
+def _begin(options: RunOptions, setup: _Setup, machine: StateMachine, release: GantryRelease) -> Plan | None:
     """Put a simulated robot where it starts, and decide who asks for the next step."""
     rng = np.random.default_rng(options.seed)
     backend = setup.backend

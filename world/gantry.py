@@ -1,4 +1,4 @@
-"""The supporting band: four straps that hold the torso from a frame above, as a gantry does, and let go gently."""
+"""The gantry: four straps that hold the torso from a frame above, and let go gently."""
 
 import itertools
 
@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 
 from robot.robot import Robot
-from world.options import BandOptions
+from world.options import GantryOptions
 
 RAMP_STEP_S = 0.01
-STRAPS = tuple(f"band_{i}" for i in range(4))
+STRAPS = tuple(f"gantry_{i}" for i in range(4))
 NEVER = 2**62
 
 
-def add_straps(spec: mujoco.MjSpec, robot: Robot, options: BandOptions) -> None:
-    """Add the straps as spatial tendons that only pull; `Band` sets their upper ends and lengths."""
+def add_straps(spec: mujoco.MjSpec, robot: Robot, options: GantryOptions) -> None:
+    """Add the straps as spatial tendons that only pull; `Gantry` sets their upper ends and lengths."""
     torso = spec.body(robot.randomized_com_body)
     half_m, height_m = options.attach_half_width_m, options.attach_height_m
     for strap, (x, y) in zip(STRAPS, itertools.product((1.0, -1.0), repeat=2)):
@@ -25,10 +25,10 @@ def add_straps(spec: mujoco.MjSpec, robot: Robot, options: BandOptions) -> None:
         tendon.wrap_site(f"{strap}_frame")
 
 
-class Band:
+class Gantry:
     """The straps of one compiled model. An event of the simulation: `at` is the step of its next change."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, options: BandOptions) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, options: GantryOptions) -> None:
         self._model, self._data, self._options = model, data, options
         self._tendons = np.array([model.tendon(name).id for name in STRAPS])
         self._frame_sites = [model.site(f"{name}_frame").id for name in STRAPS]

@@ -1,4 +1,4 @@
-"""What a simulation adds to the robot: time step, latency, noise, pushes, the supporting band, randomisation.
+"""What a simulation adds to the robot: time step, latency, noise, pushes, the gantry, randomisation.
 
 The numbers are in configs/world/; the ranges of `randomization` are those of PBHC's Table 7 and its released config.
 """
@@ -30,7 +30,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class BandOptions:
+class GantryOptions:
     """Four straps from the corners (+-attach_half_width, +-attach_half_width, attach_height) of the torso frame."""
 
     support: float
@@ -44,11 +44,11 @@ class BandOptions:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        _check_not_negative(self, "band", [field.name for field in fields(self)])
+        _check_not_negative(self, "gantry", [field.name for field in fields(self)])
         if not 0 < self.support <= 1:
-            raise InputError("support", where="band", got=self.support, expected="a share of the weight in (0, 1]")
+            raise InputError("support", where="gantry", got=self.support, expected="a share of the weight in (0, 1]")
         if not (self.stiffness_n_m > 0 and self.frame_height_m > 0):
-            raise InputError("stiffness_n_m and frame_height_m", where="band", expected="values above 0")
+            raise InputError("stiffness_n_m and frame_height_m", where="gantry", expected="values above 0")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class SimOptions:
     push_interval_s: float
     state_delay_s: float
     noise: SensorNoise
-    band: BandOptions
+    gantry: GantryOptions
     randomize: bool
     randomization: Randomization
 

@@ -16,7 +16,7 @@ def build_plant_model(
     options: SimOptions,
     *,
     sim_model: Path | None = None,
-    band: bool = False,
+    gantry: bool = False,
     meshes: Path | None = None,
 ) -> mujoco.MjModel:
     """Compile the robot (or the MJCF `sim_model`) with one PD motor per joint, in joint-table order.
@@ -32,8 +32,8 @@ def build_plant_model(
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for name, limit_nm in zip(robot.joint_names, robot.torque_limit_nm):
         _add_motor(spec, name, float(limit_nm))
-    if band:
-        add_straps(spec, robot, options.band)
+    if gantry:
+        add_straps(spec, robot, options.gantry)
     try:
         return spec.compile()
     except ValueError as error:

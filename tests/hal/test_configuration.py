@@ -55,11 +55,11 @@ def test_randomisation_is_the_papers_and_the_released_configs() -> None:
         ("friction: null", "friction: 0", "friction, got 0.0, expected at least 1e-05"),
         ("friction: [0.6, 1.1]", "friction: [0, 1.1]", "friction, got 0.0, expected at least 1e-05"),
         ("gravity: 0.0}", "gravity: 0.0, gravitas: 1}", "noise: unknown entry, got gravitas"),
-        ("support: 0.6", "support: 1.6", "band: support, got 1.6"),
+        ("support: 0.6", "support: 1.6", "gantry: support, got 1.6"),
         ("friction: [0.6, 1.1]", "friction: [1.1, 0.6]", "friction, got [1.1, 0.6], expected [low, high]"),
         ("friction: [0.6, 1.1]", "friction: [1.1]", "friction: wrong length, got 1, expected 2"),
         ("friction: [0.6, 1.1]", "friction: 1.1", "friction: wrong kind of value, got 1.1, expected a list"),
-        ("band:", "band: 3\nrope:", "unknown entry, got rope"),
+        ("gantry:", "gantry: 3\nrope:", "unknown entry, got rope"),
         ("timestep_s: 0.001", "timestep_s: [", "cannot be read"),
     ],
 )
