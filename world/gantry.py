@@ -7,10 +7,12 @@ import numpy as np
 
 from robot.robot import Robot
 from world.options import GantryOptions
+from world.plant import Plant
 
 RAMP_STEP_S = 0.01
 STRAPS = tuple(f"gantry_{i}" for i in range(4))
 NEVER = 2**62
+UPRIGHT_WXYZ = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def add_straps(spec: mujoco.MjSpec, robot: Robot, options: GantryOptions) -> None:
@@ -83,3 +85,13 @@ class Gantry:
         self._model.tendon_stiffness[self._tendons] = strength * self._options.stiffness_n_m
         self._model.tendon_damping[self._tendons] = strength * self._options.damping_n_s_m
         self._model.tendon_rgba[self._tendons, 3] = strength
+
+
+def hang_up(plant: Plant, gantry: Gantry, joint_pos_rad: np.ndarray) -> None:
+    """At rest and slack in a joint pose (J,), feet on the ground; the straps are set for the default pose."""
+    pose = plant.robot.default_pos_rad
+    height_m = plant.standing_height_m(pose)
+    plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, pose)
+    gantry.hang_at_present_pose()
+    height_m = max(height_m, plant.standing_height_m(joint_pos_rad))
+    plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, joint_pos_rad)

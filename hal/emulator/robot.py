@@ -14,8 +14,7 @@ from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
 from robot.robot import Robot
 from world.actuation import JointCommand
-from world.gantry import NEVER, Gantry
-from world.hanging import hang_up
+from world.gantry import NEVER, Gantry, hang_up
 from world.options import SimOptions, load_sim_options
 from world.plant import Measurement, Plant, TrueState
 from world.plant_model import build_plant_model

@@ -14,8 +14,7 @@ from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 from world.disturbance import CommandLine, Event, Pushes, TorqueNoise
-from world.gantry import NEVER, Gantry
-from world.hanging import UPRIGHT_WXYZ, hang_up
+from world.gantry import NEVER, UPRIGHT_WXYZ, Gantry, hang_up
 from world.options import SimOptions
 from world.plant import Measurement, Plant
 from world.plant_model import build_plant_model

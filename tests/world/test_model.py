@@ -36,7 +36,7 @@ def test_torque_actuators_deliver_and_clip(robot):
 
 
 def test_position_actuators_are_pd(robot):
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position")
     data = mujoco.MjData(model)
     rng = np.random.default_rng(2)
     for scale in (0.02, 2.0):
