@@ -47,8 +47,9 @@ def compile_model(
     spec = build_spec(robot, meshes=meshes)
     if strip_visuals:
         appearance.strip_visuals(spec)
-    where = f"meshes {meshes}" if meshes is not None else str(robot.mjcf_path)
-    return compile_spec(spec, robot, timestep_s=timestep_s, actuation=actuation, edit=edit, where=where)
+    where = str(robot.mjcf_path) if meshes is None else f"meshes {meshes}"
+    fault = "does not compile" if meshes is None else "a mesh cannot be read"
+    return compile_spec(spec, robot, timestep_s=timestep_s, actuation=actuation, edit=edit, where=where, fault=fault)
 
 
 def compile_spec(
@@ -59,8 +60,9 @@ def compile_spec(
     actuation: str,
     where: str,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
+    fault: str = "does not compile",
 ) -> mujoco.MjModel:
-    """Add time step, motors and what ``edit`` does, and compile. Raises InputError naming ``where`` it came from."""
+    """Add time step, motors and what ``edit`` does, and compile. Raises InputError: ``where``, ``fault``."""
     if not timestep_s > 0:
         raise InputError("timestep_s", got=timestep_s, expected="a positive number of seconds")
     spec.option.timestep = timestep_s
@@ -70,7 +72,7 @@ def compile_spec(
     try:
         return spec.compile()
     except ValueError as error:
-        raise InputError(f"does not compile: {first_line(error)}", where=where) from error
+        raise InputError(fault, where=where, got=" ".join(str(error).split())) from error
 
 
 def add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:

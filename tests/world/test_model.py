@@ -50,7 +50,7 @@ def test_position_actuators_are_pd(robot):
 def test_wrong_arguments_are_refused(robot):
     with pytest.raises(InputError, match="timestep_s, got 0"):
         compile_model(robot, timestep_s=0)
-    with pytest.raises(InputError, match="unknown actuation, got magic, expected torque or position"):
+    with pytest.raises(InputError, match="got magic, expected one of pd_explicit, pd_position, torque"):
         compile_model(robot, timestep_s=0.005, actuation="magic")
 
 
