@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from core.clock import Clock
 from deploy.actor_run import ActorRun
 from deploy.control.loop import Loop, Observer, Plan
-from deploy.control.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.control.sequence import GantryRelease, OnlyTheClip, Unattended
 from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.control.timing import PhaseTimer
@@ -39,7 +39,7 @@ class Cell:
         self.tick = Tick(self.machine, self.guard)
         self.recorder = Recorder()
         self.timer = PhaseTimer()
-        self.release = BandRelease(settings, self._period_s)
+        self.release = GantryRelease(settings, self._period_s)
 
     @property
     def performer(self) -> ActorRun:

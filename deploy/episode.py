@@ -27,7 +27,7 @@ WATCH_AFTER_TRIP_S = 2.0
 
 
 class Start(enum.Enum):
-    """Where an episode begins: at the clip's first frame, or slack in the band."""
+    """Where an episode begins: at the clip's first frame, or slack on the gantry."""
 
     REFERENCE = "reference"
     STAND = "stand"
@@ -55,7 +55,7 @@ class EpisodeResult:
     """performance: what was recorded; track, reference: done and asked, row by row. None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
-    fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
+    fell: root below 0.3 m at any time off the gantry, or a trip where trips count. outcome: completed, fell, tripped
     or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
     """
 
@@ -111,7 +111,7 @@ def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: flo
 
 
 class FallWatch:
-    """An observer: has the root been below 0.3 m while the band did not hold it?"""
+    """An observer: has the root been below 0.3 m while the gantry did not hold it?"""
 
     def __init__(self, backend: MujocoBackend) -> None:
         self._backend = backend
@@ -120,7 +120,7 @@ class FallWatch:
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
         if state is not None and state.truth is not None and state.truth.root_pos_w[2] < FALL_HEIGHT_M:
-            self.fell = self.fell or not self._backend.band_attached
+            self.fell = self.fell or not self._backend.gantry_attached
 
 
 class _UntilFall:

@@ -95,7 +95,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         config=options.hal_config,
         sim=sim,
         sim_model=options.sim_model,
-        band=options.start is Start.STAND,
+        gantry=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,
         rng=np.random.default_rng(options.seed),
         endpoints=options.endpoints,

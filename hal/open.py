@@ -41,7 +41,7 @@ def open_backend(
     config: str | Path | None = None,
     sim: str | Path | SimOptions = "default",
     sim_model: Path | None = None,
-    band: bool = True,
+    gantry: bool = True,
     meshes: Path | None = None,
     rng: np.random.Generator | None = None,
     endpoints: Mapping[str, str] | None = None,
@@ -49,8 +49,8 @@ def open_backend(
 ) -> Backend:
     """Build the backend `name`; entering it connects.
 
-    config: file or name in configs/hal (not mujoco). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
-    name in configs/world, a file, or the options themselves. endpoints: where a wire connects, instead of what its
+    config: file or name in configs/hal (not mujoco). sim, sim_model, gantry, meshes, rng: see MujocoBackend; sim may be
+    a name in configs/world, a file, or the options themselves. endpoints: where a wire connects, instead of what its
     configuration says; emulator: the running other end of a wire, which adds its own endpoints. Raises InputError on
     an unknown name or an unusable option.
     """
@@ -76,7 +76,7 @@ def open_backend(
             sim_options,
             control_period_s=control_period_s,
             sim_model=sim_model,
-            band=band,
+            gantry=gantry,
             meshes=meshes,
             rng=rng,
         )

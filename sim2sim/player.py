@@ -62,7 +62,7 @@ class Player:
             options,
             control_period_s=self.period_s,
             sim_model=request.sim_model,
-            band=request.start == "stand",
+            gantry=request.start == "stand",
         )
         backend.open()
         return Scene(

@@ -1,11 +1,15 @@
-"""What a motor is asked for: the impedance law's targets, gains and feed-forward torque."""
+"""What a motor is asked for, and the laws by name that a simulated one follows: LAWS is where a new law goes."""
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from core.arrays import check_shape
+from core.errors import InputError
+from robot.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,3 +43,46 @@ def damping_command(damping_kd: np.ndarray) -> JointCommand:
     """kp = 0 with the robot's per-joint damping: needs no state. damping_kd: (J,) Nm s/rad."""
     zero = np.zeros_like(damping_kd, dtype=np.float64)
     return JointCommand(zero, zero, zero, np.asarray(damping_kd, dtype=np.float64), zero)
+
+
+def _pd_explicit(motor: mujoco.MjsActuator, kp: float, kd: float, limit_nm: float) -> None:
+    """Force ctrl - kp q - kd dq; kp and kd begin at 0 and are set in `biasprm` of the compiled model."""
+    motor.dyntype = mujoco.mjtDyn.mjDYN_NONE
+    motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    motor.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    motor.gainprm[:3] = [1.0, 0.0, 0.0]
+    motor.biasprm[:3] = [0.0, 0.0, 0.0]
+    motor.ctrllimited = False
+
+
+def _pd_position(motor: mujoco.MjsActuator, kp: float, kd: float, limit_nm: float) -> None:
+    """Force kp (ctrl - q) - kd dq with the joint table's gains; ctrl is the target in rad."""
+    motor.set_to_position(kp=kp, kv=kd)
+    motor.ctrllimited = False
+
+
+def _torque(motor: mujoco.MjsActuator, kp: float, kd: float, limit_nm: float) -> None:
+    """Force ctrl, in Nm, within the limit."""
+    motor.set_to_motor()
+    motor.ctrllimited, motor.ctrlrange = True, [-limit_nm, limit_nm]
+
+
+LAWS: Mapping[str, Callable[[mujoco.MjsActuator, float, float, float], None]] = {
+    "pd_explicit": _pd_explicit,
+    "pd_position": _pd_position,
+    "torque": _torque,
+}
+
+
+def add_motors(spec: mujoco.MjSpec, robot: Robot, law: str) -> None:
+    """One motor per joint in joint-table order, named as its joint, its force clipped at the joint's torque limit.
+
+    Raises InputError on an unknown law.
+    """
+    if law not in LAWS:
+        raise InputError("unknown actuation", got=law, expected=f"one of {', '.join(LAWS)}")
+    figures = zip(robot.joint_names, robot.kp.tolist(), robot.kd.tolist(), robot.torque_limit_nm.tolist())
+    for name, kp, kd, limit_nm in figures:
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        LAWS[law](motor, kp, kd, limit_nm)
+        motor.forcelimited, motor.forcerange = True, [-limit_nm, limit_nm]

@@ -1,4 +1,4 @@
-"""The supporting band: four straps that hold the torso from a frame above, as a gantry does, and let go gently."""
+"""The gantry: four straps that hold the torso from a frame above, and let go gently."""
 
 import itertools
 
@@ -6,15 +6,17 @@ import mujoco
 import numpy as np
 
 from robot.robot import Robot
-from world.options import BandOptions
+from world.options import GantryOptions
+from world.plant import Plant
 
 RAMP_STEP_S = 0.01
-STRAPS = tuple(f"band_{i}" for i in range(4))
+STRAPS = tuple(f"gantry_{i}" for i in range(4))
 NEVER = 2**62
+UPRIGHT_WXYZ = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def add_straps(spec: mujoco.MjSpec, robot: Robot, options: BandOptions) -> None:
-    """Add the straps as spatial tendons that only pull; `Band` sets their upper ends and lengths."""
+def add_straps(spec: mujoco.MjSpec, robot: Robot, options: GantryOptions) -> None:
+    """Add the straps as spatial tendons that only pull; `Gantry` sets their upper ends and lengths."""
     torso = spec.body(robot.randomized_com_body)
     half_m, height_m = options.attach_half_width_m, options.attach_height_m
     for strap, (x, y) in zip(STRAPS, itertools.product((1.0, -1.0), repeat=2)):
@@ -25,10 +27,10 @@ def add_straps(spec: mujoco.MjSpec, robot: Robot, options: BandOptions) -> None:
         tendon.wrap_site(f"{strap}_frame")
 
 
-class Band:
+class Gantry:
     """The straps of one compiled model. An event of the simulation: `at` is the step of its next change."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, options: BandOptions) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, options: GantryOptions) -> None:
         self._model, self._data, self._options = model, data, options
         self._tendons = np.array([model.tendon(name).id for name in STRAPS])
         self._frame_sites = [model.site(f"{name}_frame").id for name in STRAPS]
@@ -83,3 +85,13 @@ class Band:
         self._model.tendon_stiffness[self._tendons] = strength * self._options.stiffness_n_m
         self._model.tendon_damping[self._tendons] = strength * self._options.damping_n_s_m
         self._model.tendon_rgba[self._tendons, 3] = strength
+
+
+def hang_up(plant: Plant, gantry: Gantry, joint_pos_rad: np.ndarray) -> None:
+    """At rest and slack in a joint pose (J,), feet on the ground; the straps are set for the default pose."""
+    pose = plant.robot.default_pos_rad
+    height_m = plant.standing_height_m(pose)
+    plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, pose)
+    gantry.hang_at_present_pose()
+    height_m = max(height_m, plant.standing_height_m(joint_pos_rad))
+    plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, joint_pos_rad)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
 
 import mujoco
 
 from core.errors import InputError
 from robot.robot import Robot
 from world import appearance, scene
+from world.actuation import add_motors
 
-Actuation = Literal["torque", "position"]
+NET_FORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
 def build_spec(robot: Robot, *, meshes: Path | None = None) -> mujoco.MjSpec:
@@ -34,52 +34,64 @@ def compile_model(
     *,
     timestep_s: float,
     meshes: Path | None = None,
-    actuation: Actuation = "torque",
+    actuation: str = "torque",
     strip_visuals: bool = False,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """A model with one actuator per joint in joint table order, stepped every ``timestep_s``.
 
-    ``torque``: ctrl in Nm. ``position``: ctrl is the target q* in rad, force kp (q* - q) - kd q̇. Both are
-    clipped at the torque limit. ``strip_visuals`` leaves out what physics does not see. ``edit`` gets the
-    spec last, before it is compiled. Raises InputError on a time step that is not positive, an unknown
+    ``actuation``: a law of `world.actuation`. ``strip_visuals`` leaves out what physics does not see. ``edit`` gets
+    the spec last, before it is compiled. Raises InputError on a time step that is not positive, an unknown
     actuation, or meshes that cannot be used.
     """
-    if not timestep_s > 0:
-        raise InputError("timestep_s", got=timestep_s, expected="a positive number of seconds")
     spec = build_spec(robot, meshes=meshes)
-    spec.option.timestep = timestep_s
-    for i in range(robot.num_joints):
-        _add_actuator(spec, robot, i, actuation)
     if strip_visuals:
         appearance.strip_visuals(spec)
+    where = str(robot.mjcf_path) if meshes is None else f"meshes {meshes}"
+    fault = "does not compile" if meshes is None else "a mesh cannot be read"
+    return compile_spec(spec, robot, timestep_s=timestep_s, actuation=actuation, edit=edit, where=where, fault=fault)
+
+
+def compile_spec(
+    spec: mujoco.MjSpec,
+    robot: Robot,
+    *,
+    timestep_s: float,
+    actuation: str,
+    where: str,
+    edit: Callable[[mujoco.MjSpec], None] | None = None,
+    fault: str = "does not compile",
+) -> mujoco.MjModel:
+    """Add time step, motors and what ``edit`` does, and compile. Raises InputError: ``where``, ``fault``."""
+    if not timestep_s > 0:
+        raise InputError("timestep_s", got=timestep_s, expected="a positive number of seconds")
+    spec.option.timestep = timestep_s
+    add_motors(spec, robot, actuation)
     if edit is not None:
         edit(spec)
-    if meshes is None:
-        return spec.compile()
     try:
         return spec.compile()
     except ValueError as error:
-        raise InputError("a mesh cannot be read", where=f"meshes {meshes}", got=" ".join(str(error).split())) from error
+        raise InputError(fault, where=where, got=" ".join(str(error).split())) from error
+
+
+def add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
+    """For each body a sensor of the net contact force (3,) that it exerts, N, in the world frame."""
+    for body in bodies:
+        spec.add_sensor(
+            name=f"contact_{body}",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            objname=body,
+            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
+        )
+
+
+def first_line(error: Exception) -> str:
+    """What MuJoCo says first."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def check_meshes(robot: Robot, folder: Path) -> None:
     """Raise InputError unless the maker's meshes in ``folder`` can be shown on the robot."""
     compile_model(robot, timestep_s=0.001, meshes=folder)
-
-
-def _add_actuator(spec: mujoco.MjSpec, robot: Robot, i: int, actuation: Actuation) -> None:
-    limit = float(robot.torque_limit_nm[i])
-    actuator = spec.add_actuator(name=robot.joint_names[i], target=robot.joint_names[i])
-    actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    actuator.forcelimited = True
-    actuator.forcerange = [-limit, limit]
-    if actuation == "torque":
-        actuator.set_to_motor()
-        actuator.ctrllimited = True
-        actuator.ctrlrange = [-limit, limit]
-    elif actuation == "position":
-        actuator.set_to_position(kp=float(robot.kp[i]), kv=float(robot.kd[i]))
-        actuator.ctrllimited = False
-    else:
-        raise InputError("unknown actuation", got=actuation, expected="torque or position")

@@ -1,4 +1,4 @@
-"""What a simulation adds to the robot: time step, latency, noise, pushes, the supporting band, randomisation.
+"""What a simulation adds to the robot: time step, latency, noise, pushes, the gantry, randomisation.
 
 The numbers are in configs/world/; the ranges of `randomization` are those of PBHC's Table 7 and its released config.
 """
@@ -29,7 +29,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class BandOptions:
+class GantryOptions:
     """Four straps from the corners (+-attach_half_width, +-attach_half_width, attach_height) of the torso frame."""
 
     support: float
@@ -95,7 +95,7 @@ class SimOptions:
     push_interval_s: float
     state_delay_s: float
     noise: SensorNoise
-    band: BandOptions
+    gantry: GantryOptions
     randomize: bool
     randomization: Randomization
 

@@ -7,7 +7,7 @@ import mujoco
 from core.errors import InputError
 from robot.robot import Robot
 from world.gantry import add_straps
-from world.model import build_spec
+from world.model import build_spec, compile_spec, first_line
 from world.options import SimOptions
 
 
@@ -16,7 +16,7 @@ def build_plant_model(
     options: SimOptions,
     *,
     sim_model: Path | None = None,
-    band: bool = False,
+    gantry: bool = False,
     meshes: Path | None = None,
 ) -> mujoco.MjModel:
     """Compile the robot (or the MJCF `sim_model`) with one PD motor per joint, in joint-table order.
@@ -27,28 +27,15 @@ def build_plant_model(
     Raises InputError where the file is missing or does not fit the robot.
     """
     spec = build_spec(robot, meshes=meshes) if sim_model is None else _read_spec(sim_model, robot)
-    spec.option.timestep = options.timestep_s
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    for name, limit_nm in zip(robot.joint_names, robot.torque_limit_nm):
-        _add_motor(spec, name, float(limit_nm))
-    if band:
-        add_straps(spec, robot, options.band)
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise InputError(f"does not compile: {_first_line(error)}", where=sim_model or robot.mjcf_path) from error
 
+    def finish(spec: mujoco.MjSpec) -> None:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        if gantry:
+            add_straps(spec, robot, options.gantry)
 
-def _add_motor(spec: mujoco.MjSpec, joint: str, limit_nm: float) -> None:
-    motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    motor.dyntype = mujoco.mjtDyn.mjDYN_NONE
-    motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    motor.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    motor.gainprm[:3] = [1.0, 0.0, 0.0]
-    motor.biasprm[:3] = [0.0, 0.0, 0.0]
-    motor.ctrllimited = False
-    motor.forcelimited, motor.forcerange = True, [-limit_nm, limit_nm]
+    where = str(sim_model or robot.mjcf_path)
+    return compile_spec(spec, robot, timestep_s=options.timestep_s, actuation="pd_explicit", edit=finish, where=where)
 
 
 def _read_spec(path: Path, robot: Robot) -> mujoco.MjSpec:
@@ -57,7 +44,7 @@ def _read_spec(path: Path, robot: Robot) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise InputError(f"is no MJCF: {_first_line(error)}", where=f"simulation model {path}") from error
+        raise InputError(f"is no MJCF: {first_line(error)}", where=f"simulation model {path}") from error
     _check_fit(spec, robot, f"simulation model {path}")
     # The motors are the robot's own; what refers to the file's actuators goes with them.
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
@@ -85,7 +72,3 @@ def _check_fit(spec: mujoco.MjSpec, robot: Robot, where: str) -> None:
         raise InputError("body of the free joint", where=where, got=free[0].parent.name, expected=robot.root_body)
     if not any(geom.contype or geom.conaffinity for geom in spec.worldbody.geoms):
         raise InputError("no ground", where=where, expected="a colliding geom on the world body, such as a plane")
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from core.clock import Clock
-from deploy.control.sequence import BandRelease
+from deploy.control.sequence import GantryRelease
 from deploy.control.states import Mode, Request
 from deploy.control.tick import Tick, TickResult
 from deploy.control.timing import PhaseTimer
@@ -48,7 +48,7 @@ class Loop:
         *,
         operators: Sequence[RequestSource] = (),
         plan: Plan | None = None,
-        release: BandRelease | None = None,
+        release: GantryRelease | None = None,
         observers: Sequence[Observer] = (),
         duration_s: float | None = None,
         timer: PhaseTimer | None = None,
@@ -143,7 +143,7 @@ class Loop:
     def _tell(self, reading: RobotState | DeviceError, result: TickResult) -> None:
         state = _state(reading)
         if self._release and self._release.due(result.mode, state) and isinstance(self._backend, Supported):
-            self._backend.release_band()
+            self._backend.release_gantry()
         for observer in self._observers:
             observer(state, result, self.timer)
 

@@ -8,8 +8,8 @@ from deploy.settings import DeploySettings
 from hal.contract.types import RobotState
 
 
-class BandRelease:
-    """Says once when the supporting band may go: after READY has been steady for long enough."""
+class GantryRelease:
+    """Says once when the gantry may go: after READY has been steady for long enough."""
 
     def __init__(self, settings: DeploySettings, period_s: float) -> None:
         self._entry = settings.entry
@@ -30,12 +30,14 @@ class BandRelease:
 
 
 class Unattended:
-    """Stand up, wait for the band's release, play the clip once, hold, quit.
+    """Stand up, wait for the gantry's release, play the clip once, hold, quit.
 
     failure: why a step's conditions never came; the run then ends by quitting.
     """
 
-    def __init__(self, machine: StateMachine, release: BandRelease, settings: DeploySettings, period_s: float) -> None:
+    def __init__(
+        self, machine: StateMachine, release: GantryRelease, settings: DeploySettings, period_s: float
+    ) -> None:
         self._machine = machine
         self._release = release
         self._after_release = round(settings.sequence.after_release_s / period_s)

@@ -65,15 +65,15 @@ class Backend(Protocol):
 
 @runtime_checkable
 class Supported(Protocol):
-    """A simulated robot that hangs in a supporting band."""
+    """A simulated robot that hangs on a gantry."""
 
     @property
-    def band_attached(self) -> bool:
-        """Whether the band pulls, the ramp after a release included."""
+    def gantry_attached(self) -> bool:
+        """Whether the gantry pulls, the ramp after a release included."""
         ...
 
-    def release_band(self) -> None:
-        """Let go gently. Without effect where the band is off."""
+    def release_gantry(self) -> None:
+        """Let go gently. Without effect where the gantry is off."""
         ...
 
 

@@ -95,7 +95,7 @@ def _watch_starter(stop: threading.Event) -> None:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="hal/emulate",
-        description="Speak the device side of a wire, moved by one simulated robot in a releasable band. Prints one "
+        description="Speak the device side of a wire, moved by one simulated robot on a gantry. Prints one "
         "line of JSON: where the wire and the control socket are.",
         epilog=f"Faults: {', '.join(COMMON_KINDS)}, and each device's own. Keys at a terminal: {KEY_TABLE}. "
         "Exit codes: 0 done, 1 broke, 2 bad input, 4 the wire cannot be opened.",

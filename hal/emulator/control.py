@@ -79,9 +79,9 @@ class ControlClient:
         self._closed = False
         self._stream: io.BufferedRWPair | None = self._connect()
 
-    def release_band(self) -> None:
+    def release_gantry(self) -> None:
         """Let the robot go, gently."""
-        self.ask("release_band")
+        self.ask("release_gantry")
 
     def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
         """Hang the robot up anew, its devices as after switching on; faults stay."""
@@ -99,9 +99,9 @@ class ControlClient:
         """See EmulatedRobot.status; besides: `faults`, `device`, `kind`."""
         return self.ask("status")
 
-    def band_attached(self) -> bool:
-        """Whether the band pulls."""
-        return bool(self.ask("band")["attached"])
+    def gantry_attached(self) -> bool:
+        """Whether the gantry pulls."""
+        return bool(self.ask("gantry")["attached"])
 
     def device(self, **content: Any) -> dict[str, Any]:
         """Something only this kind of device knows."""

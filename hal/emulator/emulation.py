@@ -73,10 +73,10 @@ class Emulation:
         do = request["do"]
         content = {key: value for key, value in request.items() if key != "do" and value is not None}
         match do:
-            case "release_band":
-                self.robot.release_band()
-            case "band":
-                return {"attached": self.robot.band_attached}
+            case "release_gantry":
+                self.robot.release_gantry()
+            case "gantry":
+                return {"attached": self.robot.gantry_attached}
             case "reset":
                 self.robot.reset(
                     start_noise_rad=float(content.get("start_noise_rad", 0.0)), seed=int(content.get("seed", 0))

@@ -25,7 +25,7 @@ FAULT_OF_KEY: Mapping[str, str] = {
     "r": "reconnect",
     "z": "power_cycled_zero",
 }
-OTHER_KEYS = {"n": "next target", "b": "release the band", "h": "hang up anew", "q": "quit"}
+OTHER_KEYS = {"n": "next target", "b": "release the gantry", "h": "hang up anew", "q": "quit"}
 KEY_TABLE = ", ".join(f"{key} {meaning}" for key, meaning in {**FAULT_OF_KEY, **OTHER_KEYS}.items())
 
 
@@ -69,7 +69,7 @@ class FaultKeys:
                 self._target = (self._target + 1) % len(self._targets)
                 return f"target {self._targets[self._target]}"
             case "b":
-                emulation.answer({"do": "release_band"})
+                emulation.answer({"do": "release_gantry"})
             case "h":
                 emulation.answer({"do": "reset"})
             case "q":

@@ -14,8 +14,7 @@ from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
 from robot.robot import Robot
 from world.actuation import JointCommand
-from world.gantry import NEVER, Band
-from world.hanging import hang_in_band
+from world.gantry import NEVER, Gantry, hang_up
 from world.options import SimOptions, load_sim_options
 from world.plant import Measurement, Plant, TrueState
 from world.plant_model import build_plant_model
@@ -51,7 +50,7 @@ class EmulatedRobot:
     the newest command that had arrived when the step began, in joint coordinates: the same plant and the same law as
     in the simulated backend. Nothing is skipped: whoever asks first brings the physics to now, and a thread of its own
     does so every 5 ms. Who does several things at one moment holds `lock` meanwhile. The robot begins slack, hanging
-    in its band, feet on the ground; motors without a command give no torque. Delays and noise of `sim` are not applied
+    on its gantry, feet on the ground; motors without a command give no torque. Delays and noise of `sim` are not used
     here (faults are). start_noise_rad: std of a normal added to each joint position at the start. now: the clock,
     seconds.
     """
@@ -71,10 +70,10 @@ class EmulatedRobot:
         self.timestep_s = options.timestep_s
         self.failure: Exception | None = None
         self._now = now
-        self._plant = Plant(robot, build_plant_model(robot, options, band=True))
+        self._plant = Plant(robot, build_plant_model(robot, options, gantry=True))
         self._conditions = draw_conditions(options, robot, np.random.default_rng(seed))
         self._plant.vary(self._conditions)
-        self._band = Band(self._plant.model, self._plant.data, options.band)
+        self._gantry = Gantry(self._plant.model, self._plant.data, options.gantry)
         self.checks = CommandChecks(robot.joint_names, robot.torque_limit_nm)
         self._stuck, self._jammed = np.zeros(robot.num_joints, dtype=bool), False
         self.lock = FairLock()
@@ -107,7 +106,7 @@ class EmulatedRobot:
         robot, joints = self.robot, self.robot.num_joints
         noise = np.random.default_rng(seed).normal(0.0, start_noise_rad, joints)
         with self.lock:
-            hang_in_band(self._plant, self._band, robot.default_pos_rad + noise)
+            hang_up(self._plant, self._gantry, robot.default_pos_rad + noise)
             self._start_s, self._step = self._now(), 0
             self._orders: deque[_Order] = deque()
             self._table = np.zeros((6, joints))
@@ -179,26 +178,26 @@ class EmulatedRobot:
             return self._plant.truth()
 
     @property
-    def band_attached(self) -> bool:
-        """Whether the band pulls, the ramp after a release included."""
+    def gantry_attached(self) -> bool:
+        """Whether the gantry pulls, the ramp after a release included."""
         with self.lock:
             self._advance(self._now())
-            return self._band.attached
+            return self._gantry.attached
 
-    def release_band(self) -> None:
+    def release_gantry(self) -> None:
         """Let go gently."""
         with self.lock:
             self._advance(self._now())
-            self._band.release(self._step)
+            self._gantry.release(self._step)
 
     def status(self) -> dict[str, Any]:
-        """Plain data: truth, band, lateness, violations, and what each motor was told last. Times: monotonic clock."""
+        """Plain data: truth, gantry, lateness, violations, and what each motor was last told. Times: monotonic."""
         with self.lock:
             truth = self.truth()
             names, modes = self.joint_names, (SLACK, DAMPED, DRIVEN)
             return {
                 "time_s": self._time_s(self._step),
-                "band_attached": self._band.attached,
+                "gantry_attached": self._gantry.attached,
                 "root_pos_w": truth.root_pos_w.tolist(),
                 "root_quat_wxyz": truth.root_quat_wxyz.tolist(),
                 "root_lin_vel_w": truth.root_lin_vel_w.tolist(),
@@ -237,9 +236,9 @@ class EmulatedRobot:
         target = self._step_at(now_s)
         while self._step < target:
             self._obey()
-            if self._band.at <= self._step:
-                self._band.act(self._step)
-            until = min(target, self._band.at, self._orders[0].step if self._orders else NEVER)
+            if self._gantry.at <= self._step:
+                self._gantry.act(self._step)
+            until = min(target, self._gantry.at, self._orders[0].step if self._orders else NEVER)
             self._plant.step(until - self._step)
             self._step = until
         if not np.isfinite(self._plant.data.qacc).all():

@@ -14,8 +14,7 @@ from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 from world.disturbance import CommandLine, Event, Pushes, TorqueNoise
-from world.gantry import NEVER, Band
-from world.hanging import UPRIGHT_WXYZ, hang_in_band
+from world.gantry import NEVER, UPRIGHT_WXYZ, Gantry, hang_up
 from world.options import SimOptions
 from world.plant import Measurement, Plant
 from world.plant_model import build_plant_model
@@ -30,7 +29,7 @@ class MujocoBackend(ClosesByDamping):
     machine's clock and as fast as it can on a simulated one.
 
     The motors are explicit PD at every step, clipped at the torque limits; the sender's dead man is part of the
-    simulated device. With `band` the robot begins slack, hanging in the supporting band; otherwise it begins slack in
+    simulated device. With `gantry` the robot begins slack, hanging on the gantry; otherwise it begins slack in
     its default pose on the ground. `reset_to` begins a new episode anywhere. Each episode is drawn from its generator.
     Damping frame: kp = 0, the robot's damping kd, clipped like any other torque. `on_advance(model, data)` is called
     whenever the physics has caught up with the clock, for a viewer.
@@ -44,7 +43,7 @@ class MujocoBackend(ClosesByDamping):
         *,
         control_period_s: float = 0.02,
         sim_model: Path | None = None,
-        band: bool = True,
+        gantry: bool = True,
         meshes: Path | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
@@ -52,8 +51,8 @@ class MujocoBackend(ClosesByDamping):
         self.robot, self.options = robot, options
         self.on_advance: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
         self._sim_model = sim_model
-        self._plant = Plant(robot, build_plant_model(robot, options, sim_model=sim_model, band=band, meshes=meshes))
-        self._band = Band(self._plant.model, self._plant.data, options.band) if band else None
+        self._plant = Plant(robot, build_plant_model(robot, options, sim_model=sim_model, gantry=gantry, meshes=meshes))
+        self._gantry = Gantry(self._plant.model, self._plant.data, options.gantry) if gantry else None
         self._damping = damping_command(robot.damping_kd)
         self._rng = np.random.default_rng(0) if rng is None else rng
         self._dead_man = DeadMan(control_period_s)
@@ -71,20 +70,20 @@ class MujocoBackend(ClosesByDamping):
         return self._plant.data
 
     @property
-    def band_attached(self) -> bool:
+    def gantry_attached(self) -> bool:
         """See Supported."""
-        return self._band is not None and self._band.attached
+        return self._gantry is not None and self._gantry.attached
 
-    def release_band(self) -> None:
+    def release_gantry(self) -> None:
         """See Supported."""
         self._advance()
-        if self._band is not None:
-            self._band.release(self._step)
+        if self._gantry is not None:
+            self._gantry.release(self._step)
 
     def open(self) -> DeviceInfo:
-        """Begin the first episode, slack: in the band where there is one, otherwise on the ground."""
+        """Begin the first episode, slack: on the gantry where there is one, otherwise on the ground."""
         self._is_open = True
-        if self._band is not None:
+        if self._gantry is not None:
             self.hang()
         else:
             pose = self.robot.default_pos_rad
@@ -93,16 +92,16 @@ class MujocoBackend(ClosesByDamping):
         details = {
             "physics": f"MuJoCo {mujoco.__version__}, {1.0 / self.options.timestep_s:g} Hz",
             "model": str(self._sim_model or self.robot.name),
-            "band": "attached" if self.band_attached else "none",
+            "gantry": "attached" if self.gantry_attached else "none",
         }
         return DeviceInfo("mujoco", self.robot.joint_names, watchdog="damps by itself", details=details)
 
     def hang(self, joint_pos_rad: np.ndarray | None = None, *, rng: np.random.Generator | None = None) -> None:
-        """Begin an episode slack in the band, feet on the ground, in a joint pose (J,) (None: the default pose)."""
-        if self._band is None:
-            raise ValueError("mujoco: this backend was built without a band")
+        """Begin an episode slack on the gantry, feet on the ground, in a joint pose (J,) (None: the default pose)."""
+        if self._gantry is None:
+            raise ValueError("mujoco: this backend was built without a gantry")
         self._draw(rng)
-        hang_in_band(self._plant, self._band, self.robot.default_pos_rad if joint_pos_rad is None else joint_pos_rad)
+        hang_up(self._plant, self._gantry, self.robot.default_pos_rad if joint_pos_rad is None else joint_pos_rad)
         self._begin()
 
     def reset_to(
@@ -113,10 +112,10 @@ class MujocoBackend(ClosesByDamping):
         *,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """Begin an episode at a pose (3,), (4,), (J,), at rest, slack, out of the band. rng: its randomness."""
+        """Begin an episode at a pose (3,), (4,), (J,), at rest, slack, off the gantry. rng: its randomness."""
         self._draw(rng)
-        if self._band is not None:
-            self._band.drop()
+        if self._gantry is not None:
+            self._gantry.drop()
         self._plant.place(root_pos_w, root_quat_wxyz, joint_pos_rad)
         self._begin()
 
@@ -193,8 +192,8 @@ class MujocoBackend(ClosesByDamping):
             Pushes(self._plant, self.conditions, push_rng, 0),
             TorqueNoise(self._plant, self.conditions, torque_rng, hold_s, 0),
         ]
-        if self._band is not None:
-            self._events.append(self._band)
+        if self._gantry is not None:
+            self._events.append(self._gantry)
         self._record: deque[Measurement] = deque()
 
     def _time_s(self, step: int) -> float:

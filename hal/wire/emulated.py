@@ -1,4 +1,4 @@
-"""A wire whose other end is an emulator: the same backend, and a band that can be let go."""
+"""A wire whose other end is an emulator: the same backend, and a gantry that can be let go."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ DAMPING_S = 0.3
 
 
 class EmulatedWireBackend(WireBackend):
-    """Frames go over the wire as to a real device; only the band hangs on the emulator's control socket."""
+    """Frames go over the wire as to a real device; only the gantry hangs on the emulator's control socket."""
 
     def __init__(
         self,
@@ -32,16 +32,16 @@ class EmulatedWireBackend(WireBackend):
         self.emulator = emulator
 
     @property
-    def band_attached(self) -> bool:
+    def gantry_attached(self) -> bool:
         """See Supported. Asks the emulator."""
         try:
-            return self.emulator.control.band_attached()
+            return self.emulator.control.gantry_attached()
         except DeviceError:
             return False
 
-    def release_band(self) -> None:
+    def release_gantry(self) -> None:
         """See Supported. The loop does not wait for the answer; a dead emulator shows itself as a lost link."""
-        threading.Thread(target=self._release, name="release band", daemon=True).start()
+        threading.Thread(target=self._release, name="release gantry", daemon=True).start()
 
     def report(self) -> dict[str, Any]:
         """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey, and
@@ -64,6 +64,6 @@ class EmulatedWireBackend(WireBackend):
 
     def _release(self) -> None:
         try:
-            self.emulator.control.release_band()
+            self.emulator.control.release_gantry()
         except DeviceError:
             return

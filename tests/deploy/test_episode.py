@@ -33,7 +33,7 @@ def test_reference_start_is_the_first_frame_at_rest_and_the_seed_decides(stand):
         if not first or first[-1] is None:
             first.append(state)
 
-    with open_backend("mujoco", ROBOT, clock, band=False) as backend:
+    with open_backend("mujoco", ROBOT, clock, gantry=False) as backend:
         stage = scene(backend, clock, stand)
         exact = run_episode(stage, np.random.default_rng(0), observers=[watch])
         results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in (1, 1, 2)]
@@ -45,13 +45,13 @@ def test_reference_start_is_the_first_frame_at_rest_and_the_seed_decides(stand):
     assert results[0].metrics == results[1].metrics != results[2].metrics
 
 
-def test_from_the_band_to_standing_again(stand):
+def test_from_the_gantry_to_standing_again(stand):
     clock = SimulatedClock()
     with open_backend("mujoco", ROBOT, clock) as backend:
         result = run_episode(
             scene(backend, clock, stand, stand=stand), np.random.default_rng(3), start=Start.STAND, start_noise_rad=0.02
         )
-        assert not backend.band_attached
+        assert not backend.gantry_attached
     assert (result.outcome, result.fell, result.steps) == ("completed", False, 50)
     with pytest.raises(InputError, match="stand actor"):
         run_episode(scene(backend, clock, stand), np.random.default_rng(3), start=Start.STAND)
@@ -61,7 +61,7 @@ def test_a_fall_ends_the_episode_in_both_simulations(tmp_path):
     limp = linear_run(tmp_path, seconds=20.0)
     for sim in ("default", "reference"):
         clock = SimulatedClock()
-        with open_backend("mujoco", ROBOT, clock, sim=sim, band=False) as backend:
+        with open_backend("mujoco", ROBOT, clock, sim=sim, gantry=False) as backend:
             stage = scene(backend, clock, limp, report_only=sim == "reference")
             result = run_episode(stage, np.random.default_rng(0), start_noise_rad=0.02)
         assert result.fell and result.outcome in ("fell", "tripped")
@@ -87,7 +87,7 @@ def test_the_released_actor_scores_within_its_reference():
     actor = load_run(policy, folder / "Horse-stance_pose.pkl", ROBOT, SETTINGS.entry)
     assert actor.num_ticks == 348
     clock, model = SimulatedClock(), SHARED / "robot" / "g1_23dof_reference.xml"
-    with open_backend("mujoco", ROBOT, clock, sim="reference", sim_model=model, band=False) as backend:
+    with open_backend("mujoco", ROBOT, clock, sim="reference", sim_model=model, gantry=False) as backend:
         stage = scene(backend, clock, actor, report_only=True)
         results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in range(1, 13)]
     assert not any(result.fell for result in results)

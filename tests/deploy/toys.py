@@ -198,10 +198,10 @@ class FakeBackend:
         self.calls.append("close")
 
     @property
-    def band_attached(self) -> bool:
+    def gantry_attached(self) -> bool:
         return not self.released
 
-    def release_band(self) -> None:
+    def release_gantry(self) -> None:
         self.released = True
 
 

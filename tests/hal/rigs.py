@@ -31,10 +31,10 @@ def mock(*faults: MockFault, robot: Robot = G1, **changes: Any) -> MockBackend:
 
 
 def mujoco_backend(
-    *, robot: Robot = G1, band: bool = False, seed: int = 0, sim: str = "default", **changes: Any
+    *, robot: Robot = G1, gantry: bool = False, seed: int = 0, sim: str = "default", **changes: Any
 ) -> MujocoBackend:
     rng = np.random.default_rng(seed)
-    return MujocoBackend(robot, SimulatedClock(), sim_options(sim, **changes), band=band, rng=rng)
+    return MujocoBackend(robot, SimulatedClock(), sim_options(sim, **changes), gantry=gantry, rng=rng)
 
 
 def hold(robot: Robot, target_rad: np.ndarray | None = None, kp_scale: float = 1.0) -> JointCommand:

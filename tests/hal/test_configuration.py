@@ -58,7 +58,7 @@ def test_randomisation_is_the_papers_and_the_released_configs() -> None:
             "randomization.friction: too small, got 0.0, expected at least 1e-05",
         ),
         ("gravity: 0.0}", "gravity: 0.0, gravitas: 1}", "noise.gravitas: unknown key"),
-        ("support: 0.6", "support: 1.6", "band.support: out of range, got 1.6"),
+        ("support: 0.6", "support: 1.6", "gantry.support: out of range, got 1.6"),
         ("friction: [0.6, 1.1]", "friction: [1.1, 0.6]", "randomization.friction: not a range, got [1.1, 0.6]"),
         (
             "friction: [0.6, 1.1]",
@@ -66,7 +66,7 @@ def test_randomisation_is_the_papers_and_the_released_configs() -> None:
             "randomization.friction: wrong length, got [1.1], expected a list of 2 numbers",
         ),
         ("friction: [0.6, 1.1]", "friction: 1.1", "randomization.friction: wrong type, got 1.1, expected a list"),
-        ("band:", "band: 3\nrope:", "rope: unknown key"),
+        ("gantry:", "gantry: 3\nrope:", "rope: unknown key"),
         ("timestep_s: 0.001", "timestep_s: [", "not a readable YAML file"),
     ],
 )

@@ -87,7 +87,7 @@ def test_reference_simulation_is_the_published_evaluators() -> None:
     on_ground = np.array([0.0, 0.0, 0.79])
     sent = [hold(G1)] * 10
     expected, _ = by_hand(model, G1, on_ground, sent)
-    backend = MujocoBackend(G1, SimulatedClock(), sim_options("reference"), sim_model=path, band=False)
+    backend = MujocoBackend(G1, SimulatedClock(), sim_options("reference"), sim_model=path, gantry=False)
     np.testing.assert_allclose(through_hal(backend, on_ground, sent), expected, atol=1e-7)
 
 
@@ -187,7 +187,7 @@ def test_a_command_written_between_reads_acts_from_its_own_time() -> None:
 def test_physics_does_not_depend_on_how_often_it_is_read() -> None:
     ends = []
     for reads in (1, 4):
-        backend = mujoco_backend(band=True, seed=5, randomize=True)
+        backend = mujoco_backend(gantry=True, seed=5, randomize=True)
         with backend:
             for _ in range(20):
                 backend.write(hold(G1))

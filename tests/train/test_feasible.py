@@ -41,7 +41,7 @@ def found():
 
 def played(robot: Robot, nominal: Nominal) -> np.ndarray:
     """qpos (K+1, 7+J) of MuJoCo with position actuators, from the first state, without any feedback."""
-    model = compile_model(robot, timestep_s=0.005, actuation="position", strip_visuals=True)
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position", strip_visuals=True)
     data = mujoco.MjData(model)
     qpos, qvel, _ = generalized_motion(nominal.reference)
     data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
@@ -105,7 +105,7 @@ def test_a_lifted_foot_is_found_too():
     away = np.linalg.norm(found.reference.root_pos_w - reference.root_pos_w, axis=1)
     assert away.max() < 0.06
     qpos, qvel, _ = generalized_motion(found.reference)
-    model = compile_model(robot, timestep_s=0.005, actuation="position", strip_visuals=True)
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position", strip_visuals=True)
     data = mujoco.MjData(model)
     worst, lifted = 0.0, 0.0
     for tick, targets in enumerate(found.targets_rad[:-1]):

@@ -18,7 +18,7 @@ def robot() -> Robot:
 
 
 def model_of(robot: Robot) -> mujoco.MjModel:
-    return compile_model(robot, timestep_s=SUBSTEP_S, actuation="position", strip_visuals=True)
+    return compile_model(robot, timestep_s=SUBSTEP_S, actuation="pd_position", strip_visuals=True)
 
 
 def airborne(robot: Robot, ticks: int, wrench: np.ndarray) -> Motion:

@@ -30,7 +30,7 @@ def test_steps_equal_single_robot_steps():
     qpos, qvel = standing(3)
     qpos[1, 7] += 0.1
     sim.reset(torch.arange(3), qpos, qvel)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position")
     targets = torch.tensor(robot.default_pos_rad).float().repeat(3, 1)
     targets[2, 3] += 0.2
     for _ in range(5):
@@ -64,7 +64,7 @@ def test_the_torque_is_what_acted_in_the_last_substep():
     sim = simulator(DomainRanges(kp_scale=(1.1, 1.1), kd_scale=(0.9, 0.9), delay_s=one_step), num_envs=1)
     qpos, qvel = standing(1)
     sim.reset(torch.arange(1), qpos, qvel)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position")
     model.actuator_gainprm[:, 0] *= 1.1
     model.actuator_biasprm[:, 1] *= 1.1
     model.actuator_biasprm[:, 2] *= 0.9
@@ -97,7 +97,7 @@ def test_a_target_acts_after_the_delay(delay_s):
     sim.step(default)
     for _ in range(3):
         sim.step(jump)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position")
     data = mujoco.MjData(model)
     qpos, _ = standing(1)
     data.qpos[:], data.ctrl[:] = qpos[0].double(), default[0].double()

@@ -36,7 +36,7 @@ def test_torque_actuators_deliver_and_clip(robot):
 
 
 def test_position_actuators_are_pd(robot):
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = compile_model(robot, timestep_s=0.005, actuation="pd_position")
     data = mujoco.MjData(model)
     rng = np.random.default_rng(2)
     for scale in (0.02, 2.0):
@@ -50,7 +50,7 @@ def test_position_actuators_are_pd(robot):
 def test_wrong_arguments_are_refused(robot):
     with pytest.raises(InputError, match="timestep_s, got 0"):
         compile_model(robot, timestep_s=0)
-    with pytest.raises(InputError, match="unknown actuation, got magic, expected torque or position"):
+    with pytest.raises(InputError, match="got magic, expected one of pd_explicit, pd_position, torque"):
         compile_model(robot, timestep_s=0.005, actuation="magic")
 
 

@@ -35,8 +35,8 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def stand(model_file: Path | None, band: bool = False) -> np.ndarray:
-    backend = MujocoBackend(TOY, SimulatedClock(), sim_options(), sim_model=model_file, band=band)
+def stand(model_file: Path | None, gantry: bool = False) -> np.ndarray:
+    backend = MujocoBackend(TOY, SimulatedClock(), sim_options(), sim_model=model_file, gantry=gantry)
     with backend:
         return run(backend, hold(TOY), 0.4).joint_pos_rad
 
@@ -66,7 +66,7 @@ def test_joints_are_matched_by_name_not_by_place(tmp_path: Path) -> None:
     target = TOY.default_pos_rad + np.array([0.1, -0.1, 0.2, 0.05])
     ends = []
     for model_file in (path, None):
-        backend = MujocoBackend(TOY, SimulatedClock(), sim_options(), sim_model=model_file, band=False)
+        backend = MujocoBackend(TOY, SimulatedClock(), sim_options(), sim_model=model_file, gantry=False)
         with backend:
             backend.reset_to(np.array([0, 0, 5.0]), UPRIGHT, TOY.default_pos_rad)
             state = run(backend, hold(TOY, target), 0.3)
@@ -84,18 +84,18 @@ def test_the_torque_limits_are_those_of_the_joint_table() -> None:
 
 
 @needs_shared_data
-def test_the_published_model_works_with_and_without_band() -> None:
+def test_the_published_model_works_with_and_without_gantry() -> None:
     path = SHARED / "robot" / "g1_23dof_reference.xml"
-    for band in (False, True):
-        backend = MujocoBackend(G1, SimulatedClock(), sim_options("reference"), sim_model=path, band=band)
+    for gantry in (False, True):
+        backend = MujocoBackend(G1, SimulatedClock(), sim_options("reference"), sim_model=path, gantry=gantry)
         with backend:
             state = run(backend, hold(G1), 0.5)
             assert state.truth.foot_contact.all()
             assert state.truth.root_pos_w[2] > 0.7
 
 
-def test_a_band_works_on_any_file(tmp_path: Path) -> None:
-    np.testing.assert_allclose(stand(written(tmp_path, toy_text()), band=True), stand(None, band=True), atol=1e-9)
+def test_a_gantry_works_on_any_file(tmp_path: Path) -> None:
+    np.testing.assert_allclose(stand(written(tmp_path, toy_text()), gantry=True), stand(None, gantry=True), atol=1e-9)
 
 
 HIP = '<joint name="left_hip" class="hip"/>'
@@ -148,11 +148,11 @@ def test_an_explosion_is_not_hidden_by_a_silent_reset(tmp_path: Path, monkeypatc
 def test_the_makers_meshes_are_seen_and_change_no_physics() -> None:
     states = []
     for meshes in (None, SHARED / "robot" / "meshes"):
-        backend = MujocoBackend(G1, SimulatedClock(), sim_options(push_speed_m_s=0.5), band=True, meshes=meshes)
+        backend = MujocoBackend(G1, SimulatedClock(), sim_options(push_speed_m_s=0.5), gantry=True, meshes=meshes)
         with backend:
             backend.hang()
             run(backend, hold(G1), 0.5)
-            backend.release_band()
+            backend.release_gantry()
             run(backend, hold(G1), 0.5)
             states.append(np.concatenate([backend.data.qpos, backend.data.qvel]))
         assert backend.model.nmesh == (0 if meshes is None else 2)

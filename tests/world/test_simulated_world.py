@@ -45,7 +45,7 @@ def test_the_imu_reads_what_mujoco_computes_at_its_site() -> None:
 
 
 def test_a_resting_robot_feels_gravity_and_a_falling_one_nothing() -> None:
-    standing = mujoco_backend(band=True)
+    standing = mujoco_backend(gantry=True)
     with standing:
         state = run(standing, hold(G1), 4.0)
         assert np.linalg.norm(state.imu_acc_b) == pytest.approx(9.81, abs=0.05)
@@ -57,7 +57,7 @@ def test_a_resting_robot_feels_gravity_and_a_falling_one_nothing() -> None:
 
 
 def test_contact_is_the_net_force_on_each_foot() -> None:
-    backend = mujoco_backend(band=False)
+    backend = mujoco_backend(gantry=False)
     with backend:
         run(backend, hold(G1), 0.5)
         mujoco.mj_forward(backend.model, backend.data)
@@ -71,7 +71,7 @@ def test_contact_is_the_net_force_on_each_foot() -> None:
 
 
 def test_contact_tells_left_from_right() -> None:
-    backend = mujoco_backend(band=False)
+    backend = mujoco_backend(gantry=False)
     with backend:
         leaning_right = quat_from_axis_angle(np.array([1.0, 0.0, 0.0]), np.array(0.1))
         backend.reset_to(np.array([0.0, 0.0, 0.79]), leaning_right, np.zeros(23))

@@ -173,7 +173,7 @@ def linearization_model(robot: Robot) -> mujoco.MjModel:
     model = compile_model(
         robot,
         timestep_s=SUBSTEP_S,
-        actuation="position",
+        actuation="pd_position",
         strip_visuals=True,
         edit=lambda spec: add_stance_welds(spec, robot),
     )

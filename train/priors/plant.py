@@ -74,10 +74,10 @@ class Plant:
 
     def __init__(self, robot: Robot, substeps: int, threads: int) -> None:
         flags = mujoco.mjtDisableBit
-        self._model = compile_model(robot, timestep_s=SUBSTEP_S, actuation="position", strip_visuals=True)
+        self._model = compile_model(robot, timestep_s=SUBSTEP_S, actuation="pd_position", strip_visuals=True)
         self._model.opt.disableflags |= flags.mjDSBL_AUTORESET
         # Joints that stick, stops and torque limits have no useful slope.
-        self._smooth = compile_model(robot, timestep_s=SUBSTEP_S, actuation="position", strip_visuals=True)
+        self._smooth = compile_model(robot, timestep_s=SUBSTEP_S, actuation="pd_position", strip_visuals=True)
         self._smooth.opt.disableflags |= flags.mjDSBL_AUTORESET | flags.mjDSBL_FRICTIONLOSS | flags.mjDSBL_LIMIT
         self._smooth.actuator_forcelimited[:] = 0
         self._substeps = substeps

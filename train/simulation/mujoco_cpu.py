@@ -15,11 +15,10 @@ from mujoco.rollout import Rollout
 from robot.robot import Robot
 from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
 from train.simulation.simulator import PhysicsState
-from world.model import compile_model
+from world.model import add_contact_sensors, compile_model
 
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
-_NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
 def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
@@ -29,17 +28,6 @@ def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
             objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
             objname=actuator.name,
-        )
-
-
-def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
-    for body in bodies:
-        spec.add_sensor(
-            name=f"contact_{body}",
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            objname=body,
-            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), _NETFORCE, 1],
         )
 
 
@@ -80,9 +68,9 @@ class MujocoCpuSimulator:
 
         def edit(spec: mujoco.MjSpec) -> None:
             _add_torque_sensors(spec)
-            _add_contact_sensors(spec, self._sensed)
+            add_contact_sensors(spec, self._sensed)
 
-        model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
+        model = compile_model(robot, timestep_s=self._substep_s, actuation="pd_position", strip_visuals=True, edit=edit)
         # A reset by MuJoCo itself would hide that physics has diverged.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         # Joint friction concerns one joint, a contact one leg: a sparse Jacobian is a tenth faster.

@@ -6,7 +6,7 @@ import pytest
 
 from core.clock import SimulatedClock
 from deploy.control.loop import Loop
-from deploy.control.sequence import BandRelease, OnlyTheClip, Unattended
+from deploy.control.sequence import GantryRelease, OnlyTheClip, Unattended
 from deploy.control.states import Mode, Request, StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
@@ -28,7 +28,7 @@ class Rig:
         stand, clip = linear_run(folder, name="stand"), linear_run(folder, name="clip", seconds=0.2)
         self.machine = StateMachine(ROBOT, stand, [clip], FAST, PERIOD_S)
         self.guard = Guard(ROBOT, FAST, PERIOD_S)
-        self.release = BandRelease(FAST, PERIOD_S)
+        self.release = GantryRelease(FAST, PERIOD_S)
         plans = {"unattended": lambda: Unattended(self.machine, self.release, FAST, PERIOD_S), "none": lambda: None}
         self.plan = plans[plan]()
         self.modes: list[Mode] = []
@@ -196,8 +196,8 @@ def test_only_the_clip(tmp_path):
     assert len(rig.backend.commands) == 10 and rig.loop.timer.ticks == 11
 
 
-def test_the_band_waits_for_steadiness(tmp_path):
-    release = BandRelease(FAST, PERIOD_S)
+def test_the_gantry_waits_for_steadiness(tmp_path):
+    release = GantryRelease(FAST, PERIOD_S)
     swaying = state(imu_ang_vel_b=state().imu_ang_vel_b + 0.4)
     for _ in range(4):
         assert not any(release.due(Mode.READY, state()) for _ in range(9))

@@ -32,7 +32,7 @@ def logged(tmp_path_factory):
     clock = SimulatedClock(100.0)
     machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
     with (
-        open_backend("mujoco", ROBOT, clock, band=False) as backend,
+        open_backend("mujoco", ROBOT, clock, gantry=False) as backend,
         McapLog(folder / "logs", ROBOT, {"backend": "mujoco"}, may_wait=True) as log,
     ):
         place_at_reference(backend, run, 0.02, np.random.default_rng(0))

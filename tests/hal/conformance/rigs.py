@@ -24,8 +24,8 @@ from tests.robot.toy import load_toy
 
 SIMULATED: dict[str, Callable[[Robot], Any]] = {
     "mock": lambda robot: mock(robot=robot),
-    "mujoco": lambda robot: mujoco_backend(robot=robot, band=True),
-    "mujoco-reference": lambda robot: mujoco_backend(robot=robot, band=True, sim="reference"),
+    "mujoco": lambda robot: mujoco_backend(robot=robot, gantry=True),
+    "mujoco-reference": lambda robot: mujoco_backend(robot=robot, gantry=True, sim="reference"),
 }
 ROBOTS = {"g1": lambda: G1, "toy": load_toy}
 # A test machine is shared; how late its threads may be is no property of a backend.

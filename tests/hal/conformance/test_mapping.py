@@ -103,7 +103,7 @@ def test_positions_velocities_and_torques_by_name(rig: Rig) -> None:
 
 
 def test_the_imu_turns_as_the_gyro_says(rig: Rig) -> None:
-    """The base rocks in its band; orientation by differences against angular velocity, gravity against orientation."""
+    """The base rocks on its gantry; orientation against angular velocity, gravity against orientation."""
     backend, robot = rig.backend, rig.robot
     assert isinstance(backend.clock, MonotonicClock)
     hips = [i for i, name in enumerate(robot.joint_names) if "hip_pitch" in name or "hip_roll" in name]

@@ -53,8 +53,8 @@ def test_the_physics_is_that_of_the_simulated_backend_to_the_last_bit(robot, clo
             backend.write(command)
             tell_all(robot, command)
             if tick == 25:
-                backend.release_band()
-                robot.release_band()
+                backend.release_gantry()
+                robot.release_gantry()
             clock.now_s += 0.02
             sim_clock.sleep_until(clock.now_s)
         expected, truth = backend.read().truth, robot.truth()
@@ -62,10 +62,10 @@ def test_the_physics_is_that_of_the_simulated_backend_to_the_last_bit(robot, clo
         assert np.array_equal(getattr(truth, name), getattr(expected, name)), name
 
 
-def test_it_begins_slack_in_the_band_and_stays_up(robot, clock):
+def test_it_begins_slack_on_the_gantry_and_stays_up(robot, clock):
     clock.now_s += 2.0
     status = robot.status()
-    assert status["band_attached"] and status["root_pos_w"][2] > 0.7
+    assert status["gantry_attached"] and status["root_pos_w"][2] > 0.7
     assert set(status["mode"].values()) == {"slack"}
     assert np.abs(robot.measure().joint_torque_nm).max() == 0.0
     assert robot.measure().imu_acc_b[2] == pytest.approx(9.81, abs=0.2)
@@ -150,13 +150,13 @@ def test_predicted_torque_is_judged_by_the_states_reported_lately(robot, clock):
 
 def test_a_new_start_forgets_the_old_one(robot, clock):
     robot.command(KNEE, np.nan, 0, 0, 0, 0)
-    robot.release_band()
+    robot.release_gantry()
     tell_all(robot, hold_command())
     clock.now_s += 3.0
-    assert not robot.band_attached
+    assert not robot.gantry_attached
     robot.reset()
     status = robot.status()
-    assert status["band_attached"] and not status["violations"]["counts"]
+    assert status["gantry_attached"] and not status["violations"]["counts"]
     assert set(status["mode"].values()) == {"slack"}
     clock.now_s += 0.01
     assert np.abs(robot.measure().joint_torque_nm).max() == 0.0

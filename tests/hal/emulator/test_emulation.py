@@ -82,12 +82,12 @@ def test_every_kind_of_emulator_has_its_place():
     assert "sneeze" in fault_kinds(device_class("wireless")) and "silence" in fault_kinds(device_class("wireless"))
 
 
-def test_the_band_is_released_over_the_control_socket(emulation, client):
-    assert client.band_attached() and client.status()["band_attached"]
-    client.release_band()
-    wait_for(lambda: not client.band_attached())
+def test_the_gantry_is_released_over_the_control_socket(emulation, client):
+    assert client.gantry_attached() and client.status()["gantry_attached"]
+    client.release_gantry()
+    wait_for(lambda: not client.gantry_attached())
     client.reset(start_noise_rad=0.02, seed=4)
-    assert client.band_attached()
+    assert client.gantry_attached()
     assert emulation.device.calls == ["start", "reset"]
 
 
@@ -112,14 +112,14 @@ def test_faults_come_and_go_over_the_control_socket(emulation, client):
 def test_after_a_late_answer_the_next_request_gets_its_own(emulation):
     """A request that takes too long is given up; what it would have been answered must not answer the next one."""
     handle, slow = emulation.control._handle, threading.Event()
-    emulation.control._handle = lambda request: (request["do"] == "band" and slow.wait(60.0), handle(request))[1]
+    emulation.control._handle = lambda request: (request["do"] == "gantry" and slow.wait(60.0), handle(request))[1]
     with ControlClient(emulation.ready()["control"], timeout_s=0.5) as client:
-        with pytest.raises(DeviceError, match="no answer to 'band'"):
-            client.band_attached()
+        with pytest.raises(DeviceError, match="no answer to 'gantry'"):
+            client.gantry_attached()
         slow.set()
         client.timeout_s = 30.0
         assert client.status()["kind"] == "wireless"
-        assert client.band_attached()
+        assert client.gantry_attached()
     with pytest.raises(DeviceError, match="this client was closed"):
         client.status()
 
@@ -132,7 +132,7 @@ def test_nonsense_is_answered_and_does_no_harm(emulation, client, line):
         stream.flush()
         answer = json.loads(stream.readline())
     assert answer["ok"] is False and answer["error"]
-    assert client.band_attached()
+    assert client.gantry_attached()
 
 
 def test_a_request_that_only_some_devices_know_is_refused_by_the_others(emulation, client):
@@ -157,7 +157,7 @@ def test_keys_switch_faults_on_and_off_for_the_chosen_target(emulation, monkeypa
             "silence *: over",
             f"target {G1.joint_names[0]}",
             f"over_temperature {G1.joint_names[0]}: on",
-            "release the band",
+            "release the gantry",
         ]
         assert emulation.faults.value("over_temperature", KNEE) is None
         assert keys.wait(0.0) == []

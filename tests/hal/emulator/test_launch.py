@@ -43,7 +43,7 @@ def test_an_emulator_runs_in_a_process_of_its_own_and_ends_soon():
     with start_emulator(command("--config", "conf", "--fault", "silence:bus0@30")) as emulator:
         assert emulator.kind == "wireless" and emulator.endpoints == {"bus0": "conf://here"}
         assert emulator.pid != os.getpid() and emulator.running and emulator.failure is None
-        emulator.control.release_band()
+        emulator.control.release_gantry()
         assert emulator.control.status()["faults"][0]["active"] is False
         begin_s = time.monotonic()
     assert time.monotonic() - begin_s < 2.0
@@ -95,7 +95,7 @@ def test_it_outlives_a_killed_starter_only_for_the_time_that_damping_takes():
         process.wait()
         process.stdout.close()
         time.sleep(0.5)
-        assert client.status()["band_attached"]
+        assert client.status()["gantry_attached"]
     wait_for(lambda: not alive(pid))
 
 
