@@ -82,7 +82,7 @@ def test_it_survives_a_file(found, tmp_path):
     assert again.reference.root_ang_vel_w == pytest.approx(nominal.reference.root_ang_vel_w, abs=1e-12)
 
 
-def test_a_stored_motion_is_what_the_base_action_aims_at(found, tmp_path):
+def test_a_stored_motion_is_what_the_prior_aims_at(found, tmp_path):
     """On resume nothing is computed again: the stored targets are the base action's."""
     robot, reference, _, nominal, _ = found
     nominal.save(tmp_path / "motion.npz")
