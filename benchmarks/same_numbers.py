@@ -48,7 +48,7 @@ Runs = dict[str, list[str]]
 
 
 class BadInputError(Exception):
-    """What cannot be recorded, and why."""
+    """What cannot be recorded or compared, and why."""
 
 
 class CommandError(Exception):
@@ -69,8 +69,13 @@ def evaluate_runs(data: Path) -> Runs:
     release = data / "pbhc" / "actor_horse_stance_pose" / "model_50000.onnx"
     if release.is_file():
         clip, model = data / "pbhc" / "Horse-stance_pose.pkl", data / "robot" / "g1_23dof_reference.xml"
-        runs["pbhc"] = [*every[:3], f"--policy={release}", f"--motion={clip}", "--sim=reference"]
-        runs["pbhc"] += [f"--sim-model={model}"] if model.is_file() else []
+        runs["pbhc"] = [
+            *every[:3],
+            "--sim=reference",
+            f"--sim-model={model}",
+            f"--policy={release}",
+            f"--motion={clip}",
+        ]
     return runs
 
 
@@ -82,8 +87,7 @@ def deploy_runs() -> Runs:
         runs[f"mock {actor}"] = [*command, "--backend=mock"]
         runs[f"mujoco {actor}"] = [*command, "--backend=mujoco", "--seed=1"]
         runs[f"reference {actor}"] = [*command, "--backend=mujoco", "--sim=reference"]
-        noisy = ["--backend=mujoco", "--start=reference", "--start-noise=0.02", "--seed=2"]
-        runs[f"noisy {actor}"] = [*command, *noisy]
+        runs[f"noisy {actor}"] = [*command, "--backend=mujoco", "--start=reference", "--start-noise=0.02", "--seed=2"]
     return runs
 
 
@@ -103,26 +107,21 @@ def train_runs() -> Runs:
     return {preset: [*command, f"train={preset}"] for preset in ("default", "pushes", "paper", "pbhc_release")}
 
 
-def runs_of(group: str, data: Path, tree: Path) -> Runs:
-    """A group's commands by name; {out} stands for the folder that each writes into."""
-    if group in ("deploy", "train"):
-        return deploy_runs() if group == "deploy" else train_runs()
-    return evaluate_runs(data) if group == "evaluate" else process_runs(data, tree)
+def runs_of_groups(data: Path, tree: Path) -> dict[str, Runs]:
+    """Each group's commands by name; {out} stands for the folder that each writes into."""
+    return dict(zip(GROUPS, (evaluate_runs(data), deploy_runs(), process_runs(data, tree), train_runs())))
 
 
 def numbers_in(folder: Path) -> dict[str, Any]:
     """All numbers of the files that a command wrote into its folder, by file; what lies in deeper folders not."""
-    readers = {".json": _document, ".jsonl": _rows, ".npz": _arrays, ".onnx": _actor}
+    readers = {".json": _document, ".jsonl": _document, ".npz": _arrays, ".onnx": _actor}
     files = sorted(file for file in folder.iterdir() if file.suffix in readers and file.name != RUN_SUMMARY)
     return {file.name: readers[file.suffix](file) for file in files}
 
 
 def _document(file: Path) -> Any:
-    return lasting(json.loads(file.read_text(encoding="utf-8")))
-
-
-def _rows(file: Path) -> list[Any]:
-    return [lasting(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    text = file.read_text(encoding="utf-8")
+    return lasting([json.loads(line) for line in text.splitlines()] if file.suffix == ".jsonl" else json.loads(text))
 
 
 def _arrays(file: Path) -> dict[str, str]:
@@ -181,14 +180,11 @@ def differences(expected: Mapping[str, Any], got: Mapping[str, Any]) -> tuple[li
 
 def machine() -> dict[str, str]:
     """What digits depend on besides the code."""
-    found = {"processor": platform.processor() or platform.machine()}
-    with contextlib.suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        found["processor"] = next((line.split(": ")[1] for line in lines if line.startswith("model name")), "unknown")
-    for library in LIBRARIES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[library] = importlib.metadata.version(library)
-    return found
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = (line.split(": ")[1] for line in lines if line.startswith("model name"))
+    found = {"processor": next(names, platform.processor() or platform.machine())}
+    return found | {library: importlib.metadata.version(library) for library in LIBRARIES}
 
 
 def git(*words: str, **variables: str) -> str:
@@ -229,8 +225,8 @@ def run(command: Sequence[str], tree: Path, out: Path) -> dict[str, Any]:
     words = [word.replace("{out}", str(out)) for word in command]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     environment = os.environ | {"PYTHONPATH": str(tree), "PATH": path, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-P", *words]
-    done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    called = [sys.executable, "-P", *words]
+    done = subprocess.run(called, cwd=tree, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         last = "\n".join((done.stdout + done.stderr).splitlines()[-LAST_LINES:])
         raise CommandError(f"{shlex.join(words)} ended with {done.returncode}:\n{last}")
@@ -248,7 +244,7 @@ def record(out: Path, revision: str | None, groups: Sequence[str]) -> None:
         commit = git("rev-parse", "--verify", f"{revision}^{{commit}}") if revision else working_tree(folder)
         with checkout(commit, folder) as tree:
             for group in groups:
-                for title, command in runs_of(group, data, tree).items():
+                for title, command in runs_of_groups(data, tree)[group].items():
                     begun_s = time.monotonic()
                     numbers[group][title] = run(command, tree, folder / group / title.replace("/", " "))
                     print(f"{group:9} {title:28} {time.monotonic() - begun_s:6.1f} s", flush=True)
@@ -259,23 +255,25 @@ def record(out: Path, revision: str | None, groups: Sequence[str]) -> None:
     print(f"{len(flat(numbers))} values of {commit[:12]}: {out}")
 
 
-def compare(expected: Path, got: Path, groups: Sequence[str] | None) -> int:
-    """Print what differs between two records, of all groups or of some. Returns the exit code."""
-    documents = []
-    for file in (expected, got):
-        try:
-            document = json.loads(file.read_text(encoding="utf-8"))
-            numbers = {g: n for g, n in document["numbers"].items() if groups is None or g in groups}
-            documents.append((document["commit"], document["machine"], numbers))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            print(f"error: {file} is no record of this program ({error})", file=sys.stderr)
-            return 2
-    (old, old_machine, old_numbers), (new, new_machine, new_numbers) = documents
+def recorded(file: Path, groups: Sequence[str]) -> tuple[str, dict[str, str], dict[str, Any]]:
+    """Commit, machine and the groups' numbers of a record."""
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        numbers = {group: runs for group, runs in document["numbers"].items() if group in groups}
+        found = document["commit"], document["machine"], numbers
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BadInputError(f"{file} is no record of this program ({error})") from error
+    if not numbers:
+        raise BadInputError(f"{file} has nothing of {', '.join(groups)}")
+    return found
+
+
+def compare(expected: Path, got: Path, groups: Sequence[str]) -> int:
+    """Print what differs between two records' groups. Returns 0 if nothing does, 1 otherwise. Raises BadInputError."""
+    old, old_machine, old_numbers = recorded(expected, groups)
+    new, new_machine, new_numbers = recorded(got, groups)
     for line in differences(old_machine, new_machine)[0]:
         print(f"digits may differ, for the machines do: {line}")
-    if not old_numbers and not new_numbers:
-        print("error: nothing to compare", file=sys.stderr)
-        return 2
     lines, equal = differences(old_numbers, new_numbers)
     print(*lines, f"{len(lines)} differ, {equal} are equal: {new[:12]} against {old[:12]}", sep="\n")
     return 1 if lines else 0
@@ -285,27 +283,23 @@ def main() -> int:
     """Record or compare. Returns 0 done or equal, 1 a command failed or numbers differ, 2 unusable input."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    recording = commands.add_parser("record", help="run the commands and write their numbers")
-    recording.add_argument("out", type=Path, metavar="OUT.json")
-    recording.add_argument("--commit", metavar="REV", help="what to record (default: the working tree as it is)")
-    comparing = commands.add_parser("compare", help="ends with 0 if all numbers are equal, 1 if not")
-    comparing.add_argument("expected", type=Path, metavar="A.json")
-    comparing.add_argument("got", type=Path, metavar="B.json")
-    for command in (recording, comparing):
-        command.add_argument("--only", nargs="+", choices=GROUPS, metavar="GROUP", help=", ".join(GROUPS))
+    recorder = commands.add_parser("record", help="run the commands and write their numbers")
+    recorder.add_argument("out", type=Path, metavar="OUT.json")
+    recorder.add_argument("--commit", metavar="REV", help="what to record (default: the working tree as it is)")
+    comparer = commands.add_parser("compare", help="ends with 0 if all numbers are equal, 1 if not")
+    comparer.add_argument("files", type=Path, nargs=2, metavar="RECORD", help="the expected one, then the other")
+    for command in (recorder, comparer):
+        command.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups (default: all)")
     options = parser.parse_args()
-    if options.command == "compare":
-        return compare(options.expected, options.got, options.only)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
-        record(options.out, options.commit, options.only or GROUPS)
-    except (BadInputError, CommandError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        if options.command == "compare":
+            return compare(options.files[0], options.files[1], options.only)
+        record(options.out, options.commit, options.only)
+    except (BadInputError, CommandError, KeyboardInterrupt) as error:
+        print(f"error: {str(error) or 'stopped, nothing recorded'}", file=sys.stderr)
         return 2 if isinstance(error, BadInputError) else 1
-    except KeyboardInterrupt:
-        print("stopped: nothing recorded", file=sys.stderr)
-        return 1
     return 0
 
 

@@ -71,16 +71,30 @@ def test_numbers_of_a_folder_without_what_time_and_commit_change(benchmark, tmp_
 def test_exit_code_of_a_comparison(benchmark, tmp_path, capsys):
     one = record(tmp_path / "one.json", {"train": {"paper": 1.0}, "deploy": {"mock": 2.0}})
     other = record(tmp_path / "other.json", {"train": {"paper": 1.0}, "deploy": {"mock": 2.5}}, processor="two")
-    assert benchmark.compare(one, one, None) == 0
+    assert benchmark.compare(one, one, benchmark.GROUPS) == 0
     assert "0 differ, 2 are equal" in capsys.readouterr().out
-    assert benchmark.compare(one, other, None) == 1
+    assert benchmark.compare(one, other, benchmark.GROUPS) == 1
     shown = capsys.readouterr().out
     assert 'processor: got "two", expected "one"' in shown and "deploy > mock: got 2.5, expected 2.0" in shown
     assert benchmark.compare(one, other, ["train"]) == 0
-    assert benchmark.compare(one, other, ["process"]) == 2
-    (tmp_path / "broken.json").write_text("[1]")
-    assert benchmark.compare(one, tmp_path / "broken.json", None) == 2
-    assert benchmark.compare(tmp_path / "none.json", one, None) == 2
+
+
+@pytest.mark.parametrize(("name", "text"), [("none.json", None), ("broken.json", "[1]"), ("empty.json", "{")])
+def test_what_is_no_record_is_exit_2_and_one_line(tmp_path, name, text):
+    one = record(tmp_path / "one.json", {"train": {"paper": 1.0}})
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, "-P", BENCHMARK, "compare", one, tmp_path / name]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert result.returncode == 2 and name in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_a_group_that_a_record_lacks_is_not_equal(benchmark, tmp_path):
+    one = record(tmp_path / "one.json", {"train": {"paper": 1.0}, "deploy": {"mock": 2.0}})
+    less = record(tmp_path / "less.json", {"train": {"paper": 1.0}})
+    assert benchmark.compare(one, less, benchmark.GROUPS) == 1
+    with pytest.raises(benchmark.BadInputError, match=r"less\.json has nothing of deploy"):
+        benchmark.compare(one, less, ["deploy"])
 
 
 @pytest.mark.parametrize("words", [["none/out.json"], ["out.json", "--commit", "no-such-commit"]])
