@@ -69,13 +69,8 @@ def evaluate_runs(data: Path) -> Runs:
     release = data / "pbhc" / "actor_horse_stance_pose" / "model_50000.onnx"
     if release.is_file():
         clip, model = data / "pbhc" / "Horse-stance_pose.pkl", data / "robot" / "g1_23dof_reference.xml"
-        runs["pbhc"] = [
-            *every[:3],
-            "--sim=reference",
-            f"--sim-model={model}",
-            f"--policy={release}",
-            f"--motion={clip}",
-        ]
+        given = [f"--policy={release}", f"--motion={clip}", f"--sim-model={model}"]
+        runs["pbhc"] = [*every[:3], "--sim=reference", *given]
     return runs
 
 
@@ -94,10 +89,9 @@ def deploy_runs() -> Runs:
 def process_runs(data: Path, tree: Path) -> Runs:
     """A bundled clip mirrored, and one recording of each kind that is there."""
     clip = next(iter(sorted(tree.rglob("side_kick.npz"))), None)
-    recordings = {name: data / name for name in RECORDINGS}
     command = ["motion/process", "--jobs=1", "--output={out}", "--input"]
     runs = {} if clip is None else {"side_kick mirrored": [*command, str(clip.relative_to(tree)), "--mirror"]}
-    return runs | {name: [*command, str(file)] for name, file in recordings.items() if file.is_file()}
+    return runs | {name: [*command, str(data / name)] for name in RECORDINGS if (data / name).is_file()}
 
 
 def train_runs() -> Runs:
@@ -222,14 +216,13 @@ def checkout(commit: str, folder: Path) -> Iterator[Path]:
 def run(command: Sequence[str], tree: Path, out: Path) -> dict[str, Any]:
     """Run one of the tree's commands on one thread; the numbers that it wrote. Raises CommandError."""
     out.mkdir(parents=True)
-    words = [word.replace("{out}", str(out)) for word in command]
+    called = [sys.executable, "-P", *(word.replace("{out}", str(out)) for word in command)]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     environment = os.environ | {"PYTHONPATH": str(tree), "PATH": path, "OMP_NUM_THREADS": "1"}
-    called = [sys.executable, "-P", *words]
     done = subprocess.run(called, cwd=tree, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         last = "\n".join((done.stdout + done.stderr).splitlines()[-LAST_LINES:])
-        raise CommandError(f"{shlex.join(words)} ended with {done.returncode}:\n{last}")
+        raise CommandError(f"{shlex.join(called[2:])} ended with {done.returncode}:\n{last}")
     return numbers_in(out)
 
 
