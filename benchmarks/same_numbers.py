@@ -5,8 +5,8 @@ record runs evaluate, deploy, process and 20 iterations of each preset in a work
 one thread, and writes all numbers to the last digit; of arrays it writes a hash each. It knows the public commands
 only, so any commit can be recorded. Recordings are read from ../shared/data beside the repository, where that exists.
 What depends on time or on the commit's name is left out. Digits differ between processor types: record both commits
-on one machine. Minutes on one quiet core, about twice that on a busy one: evaluate 1/2, deploy 1/4, process 1/2,
-train 3, of which the search for a feasible motion, once for default and once for pushes, takes half.
+on one machine. It takes 6 to 7 minutes of one core: 5 for evaluate and train, most of it for the feasible motions of
+default and pushes, and 1 for deploy and process. Several programs on the machine double that.
 """
 
 import argparse
