@@ -44,12 +44,18 @@ def flat_middle_w(sole_w: np.ndarray) -> np.ndarray:
     return (pivot + flat)[..., :2]
 
 
+def sole_height_m(robot: Robot, reference: Reference) -> np.ndarray:
+    """Height (T,2,S) in m of each sole point above what lies under it in the clip's scene."""
+    points_w = sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    return points_w[..., 2] - reference.scene.height_at(points_w[..., :2])
+
+
 def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
-    """How far to move the root (T,) up or down so that the lowest sole corner touches the ground.
+    """How far to move the root (T,) up or down so that the first sole corner touches the clip's scene.
 
     Ticks without contact are only ever raised. A mask of one half (PBHC's blends to the default pose) is contact.
     """
-    lowest = lowest_sole_m(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    lowest = sole_height_m(robot, reference).min(axis=(1, 2))
     touching = reference.contact.max(axis=1) >= 0.5
     return np.where(touching, -lowest, np.maximum(0.0, -lowest))
 

@@ -13,7 +13,7 @@ from robot.robot import Robot
 
 STABLE_DISTANCE_M = 0.1  # epsilon_stab (paper, Table 3)
 MAX_UNSTABLE_FRAMES = 100  # epsilon_N, in frames at CONTACT_RULE_FPS
-NEAR_GROUND_M = 0.05  # sole points higher than this bear nothing
+NEAR_GROUND_M = 0.05  # sole points higher above what lies under them bear nothing
 PRESSURE_BELOW_PER_M = 100.0
 PRESSURE_ABOVE_PER_M = 10.0
 LIMIT_TOLERANCE_RAD = 1e-6
@@ -45,6 +45,7 @@ def check_clip(clip: Clip, robot: Robot) -> ClipReport:
     kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     soles = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
+    soles[..., 2] -= clip.scene.height_at(soles[..., :2])
     distance = com_cop_distance_m(kinematics.center_of_mass_of(bodies), soles)
     slides = [slide for foot in foot_slides_m(soles, clip.contact) for slide in foot]
     standing = (clip.contact > 0.5).any(axis=1)

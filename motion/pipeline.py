@@ -24,6 +24,7 @@ from motion.retarget.retarget import retarget
 from motion.retarget.settings import RetargetSettings, load_settings
 from motion.settings import read_section
 from robot.robot import Robot, load_robot
+from world.scene import FLAT
 
 Say = Callable[[str], None]
 
@@ -111,6 +112,8 @@ def _read(request: ProcessRequest, robot: Robot) -> HumanMotion | Clip:
         up=request.up,
         body_models=request.body_models,
     )
+    if isinstance(motion, Clip) and motion.scene != FLAT:
+        raise InputError("has a scene", where=request.file, expected="a motion on flat ground at height 0")
     if request.start_s is None and request.end_s is None:
         return motion
     return segment_motion(motion, request.start_s or 0.0, request.end_s)

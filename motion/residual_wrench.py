@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import nnls
 
-from motion.feet import sole_points_w
+from motion.feet import sole_height_m
 from motion.inverse_dynamics import FRICTION, generalized_motion, ground_force_map, sole_jacobians
 from motion.physics_checks import phases
 from motion.reference import Reference
@@ -107,8 +107,8 @@ def demand_of(robot: Robot, reference: Reference) -> Demand:
 def bearing_feet(robot: Robot, reference: Reference) -> np.ndarray:
     """Which feet (T,2) may carry, as the module's text defines it."""
     standing = reference.contact >= 0.5
-    height_m = sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz)[..., 2].min(axis=2)
-    return standing | (~standing.any(axis=1, keepdims=True) & (height_m <= NEAR_GROUND_M))
+    near = sole_height_m(robot, reference).min(axis=2) <= NEAR_GROUND_M
+    return standing | (~standing.any(axis=1, keepdims=True) & near)
 
 
 def residual_wrench(demand: Demand, friction: float = FRICTION) -> Residual:

@@ -9,22 +9,23 @@ import mujoco
 
 from core.errors import InputError
 from robot.robot import Robot
-from world import appearance, scene
+from world import appearance
 from world.actuation import add_motors
+from world.scene import FLAT, Scene, add_scene
 
 NET_FORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
-def build_spec(robot: Robot, *, meshes: Path | None = None) -> mujoco.MjSpec:
-    """The robot's MJCF as an editable spec without actuators, on the ground plane ``floor``, with sky and light.
+def build_spec(robot: Robot, *, scene: Scene = FLAT, meshes: Path | None = None) -> mujoco.MjSpec:
+    """The robot's MJCF as an editable spec without actuators, in the scene, with sky and light.
 
-    ``meshes`` is a folder with the maker's STL
-    files: bodies that have one there show it. Raises InputError when that folder is of no use.
+    ``meshes`` is a folder with the maker's STL files: bodies that have one there show it.
+    Raises InputError when that folder is of no use.
     """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     if meshes is not None:
         appearance.add_meshes(spec, robot, Path(meshes))
-    scene.add_floor(spec)
+    add_scene(spec, scene)
     appearance.add_sky_and_light(spec)
     return spec
 
@@ -33,6 +34,7 @@ def compile_model(
     robot: Robot,
     *,
     timestep_s: float,
+    scene: Scene = FLAT,
     meshes: Path | None = None,
     actuation: str = "torque",
     strip_visuals: bool = False,
@@ -44,7 +46,7 @@ def compile_model(
     the spec last, before it is compiled. Raises InputError on a time step that is not positive, an unknown
     actuation, or meshes that cannot be used.
     """
-    spec = build_spec(robot, meshes=meshes)
+    spec = build_spec(robot, scene=scene, meshes=meshes)
     if strip_visuals:
         appearance.strip_visuals(spec)
     where = str(robot.mjcf_path) if meshes is None else f"meshes {meshes}"

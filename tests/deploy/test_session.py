@@ -2,12 +2,18 @@
 
 import contextlib
 
+import pytest
+
 from core.clock import SimulatedClock
+from core.errors import InputError
 from deploy.control.states import Request
 from deploy.episode import Start
 from deploy.options import RunOptions
 from deploy.session import run_session
-from tests.deploy.toys import write_linear_actor
+from tests.deploy.toys import write_linear_actor, write_standing_actor
+from world.scene import FLAT, Box, Scene
+
+TABLE = Scene(boxes=(Box((0.0, 0.0, 0.25), (0.5, 0.5, 0.25)),))
 
 
 class SwitchesAtTick:
@@ -42,3 +48,24 @@ def test_the_report_is_about_the_actor_that_performed_not_the_one_selected_meanw
     report = run_session(options, SwitchesAtTick(10))
     assert report.outcome == "completed" and report.content["metrics"]["empjpe_mrad"] is not None
     assert report.content["motion"] == "first"
+
+
+@pytest.mark.parametrize("start", Start)
+def test_a_simulated_robot_stands_in_the_scene_of_its_actors_motion(tmp_path, start):
+    """On a table of 0.5 m it does what it does on the floor, in the clip's first frame and on the gantry."""
+    stand, metrics = str(write_standing_actor(tmp_path / "stand.onnx")), []
+    for scene in (FLAT, TABLE):
+        policy = str(write_standing_actor(tmp_path / "toy.onnx", scene=scene))
+        report = run_session(RunOptions("mujoco", (policy,), start=start, stand=stand), SwitchesAtTick(-1))
+        assert report.outcome == "completed"
+        assert report.content["metrics"]["contact_error"]["mean"] == 0.0
+        metrics.append([report.content["metrics"][name]["mean"] for name in ("eg_mpbpe_mm", "empjpe_mrad")])
+    assert metrics[1] == pytest.approx(metrics[0], rel=0.05)
+
+
+def test_motions_of_different_scenes_are_refused(tmp_path):
+    scenes = {"high": TABLE, "low": FLAT}
+    policies = [str(write_linear_actor(tmp_path / f"{n}.onnx", name=n, scene=scene)) for n, scene in scenes.items()]
+    options = RunOptions("mujoco", tuple(policies), start=Start.REFERENCE, interactive=True)
+    with pytest.raises(InputError, match="motions of different scenes, got high, low, expected one scene"):
+        run_session(options, SwitchesAtTick(-1))

@@ -17,6 +17,7 @@ from motion.clip import Clip, clip_to_bytes
 from policy.metadata import write_metadata
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
 from robot.robot import load_robot
+from world.scene import FLAT, Scene
 
 ROBOT = load_robot()
 SETTINGS = load_settings()
@@ -50,19 +51,20 @@ def _standing_height_m() -> float:
 HEIGHT_M = _standing_height_m()
 
 
-def still_clip(seconds: float, pose_rad: np.ndarray | None = None) -> Clip:
+def still_clip(seconds: float, pose_rad: np.ndarray | None = None, scene: Scene = FLAT) -> Clip:
     frames = round(seconds * 50) + 1
     pose_rad = ROBOT.default_pos_rad if pose_rad is None else pose_rad
     return Clip(
         fps=50.0,
         joint_names=ROBOT.joint_names,
-        root_pos_w=np.tile([0.0, 0.0, HEIGHT_M], (frames, 1)),
+        root_pos_w=np.tile([0.0, 0.0, HEIGHT_M + scene.height_at(np.zeros(2))], (frames, 1)),
         root_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
         joint_pos_rad=np.tile(pose_rad, (frames, 1)),
         contact=np.ones((frames, 2)),
         source="test",
         license="none",
         created_by="test",
+        scene=scene,
     )
 
 
@@ -73,6 +75,7 @@ def write_linear_actor(
     seconds: float = 1.0,
     pose_rad: np.ndarray | None = None,
     name: str = "toy",
+    scene: Scene = FLAT,
 ) -> Path:
     """target of joint j = its default + sum of weights[i, j] * observation[i]; the clip stands still."""
     matrix = np.zeros((SIZE, JOINTS), dtype=np.float32)
@@ -87,7 +90,7 @@ def write_linear_actor(
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     onnx.save(model, str(path))
-    clip = still_clip(seconds, pose_rad)
+    clip = still_clip(seconds, pose_rad, scene)
     motion = MotionInfo(
         name=name,
         fps=clip.fps,
@@ -113,13 +116,13 @@ def write_linear_actor(
     return path
 
 
-def write_standing_actor(path: Path, seconds: float = 1.0, name: str = "toy_stand") -> Path:
+def write_standing_actor(path: Path, seconds: float = 1.0, name: str = "toy_stand", scene: Scene = FLAT) -> Path:
     """Balances with its ankles: enough to stand in MuJoCo."""
     weights = {}
     for side in ("left", "right"):
         weights |= {(GRAVITY_X, f"{side}_ankle_pitch_joint"): 3.0, (1, f"{side}_ankle_pitch_joint"): 0.2}
         weights |= {(GRAVITY_Y, f"{side}_ankle_roll_joint"): -2.0, (0, f"{side}_ankle_roll_joint"): 0.2}
-    return write_linear_actor(path, weights, seconds=seconds, name=name)
+    return write_linear_actor(path, weights, seconds=seconds, name=name, scene=scene)
 
 
 def linear_run(folder: Path, weights=None, *, seconds: float = 1.0, pose_rad=None, name: str = "toy") -> ActorRun:

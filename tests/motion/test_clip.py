@@ -7,6 +7,10 @@ import pytest
 
 from core.errors import InputError
 from motion.clip import Clip, clip_from_bytes, clip_to_bytes, load_clip, save_clip
+from motion.library import CLIPS
+from world.scene import Box, Scene
+
+BOXES = Scene(0.1, (Box((0.3, 0.0, 0.2), (0.1, 0.2, 0.1), 0.5), Box((0.0, 1.0, 0.15), (0.1, 0.1, 0.05))))
 
 REFUSED = {
     "fps zero": ("fps", 0.0, "fps"),
@@ -131,3 +135,41 @@ def test_save_into_nowhere_or_under_another_ending(fields, tmp_path):
         save_clip(Clip(**fields), tmp_path / "missing" / "a.npz")
     with pytest.raises(InputError, match=r"\.npz"):
         save_clip(Clip(**fields), tmp_path / "a.csv")
+
+
+def test_a_scene_is_written_as_numbers_and_read_back(fields, tmp_path):
+    clip = Clip(**fields, scene=BOXES)
+    save_clip(clip, tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
+        first, second = [0.3, 0.0, 0.2, 0.1, 0.2, 0.1, 0.5], [0.0, 1.0, 0.15, 0.1, 0.1, 0.05, 0.0]
+        assert file["scene"].tolist() == [0.1, *first, *second]
+    loaded = load_clip(tmp_path / "a.npz")
+    assert loaded.scene == BOXES
+    assert loaded.sha256 == clip.sha256 != Clip(**fields).sha256
+    assert clip_to_bytes(loaded) == clip_to_bytes(clip)
+
+
+def test_a_clip_on_flat_ground_has_the_file_and_the_digest_that_it_always_had():
+    content = (CLIPS / "steps.npz").read_bytes()
+    clip = clip_from_bytes(content)
+    assert clip_to_bytes(clip) == content
+    assert clip.sha256 == "5f6d6acb87f78253d3e03d7adb2ea3ce46d2f8b2e512093d311a64d150539192"
+
+
+WRONG_SCENES = {
+    "not a box": (np.zeros(5), r"a\.npz: scene: wrong shape or type, got shape \(5,\)"),
+    "flat box": (
+        np.array([0.0, 0, 0, 0, 0.1, 0.0, 0.1, 0]),
+        r"a\.npz: scene\.boxes\[0\]\.half_size_m\[1\]: out of range",
+    ),
+    "not finite": (np.array([np.nan]), r"a\.npz: scene\.floor_m: not finite"),
+    "text": (np.array(["0"]), r"a\.npz: scene: wrong shape or type"),
+    "too many": (np.ones(1 + 7 * 1000), r"a\.npz: scene: wrong shape or type.*at most 256 boxes"),
+}
+
+
+@pytest.mark.parametrize(("scene", "message"), WRONG_SCENES.values(), ids=WRONG_SCENES)
+def test_a_wrong_scene_in_a_file_is_named(fields, tmp_path, scene, message):
+    np.savez(tmp_path / "a.npz", **{k: np.asarray(v) for k, v in fields.items()}, scene=scene)
+    with pytest.raises(InputError, match=message):
+        load_clip(tmp_path / "a.npz")

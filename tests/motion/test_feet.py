@@ -1,11 +1,16 @@
 """Soles against MuJoCo, and the contact rule at its thresholds."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
 from core.rotations import quat_from_axis_angle, quat_rotate
-from motion.feet import contact_mask, flat_middle_w, lowest_sole_m, sole_points_w
+from motion.clip import Clip
+from motion.feet import contact_mask, flat_middle_w, ground_lift_m, lowest_sole_m, sole_points_w
+from motion.reference import build_reference
+from world.scene import Box, Scene
 
 
 def bodies_of(robot, root_height_m: float = 0.8, tilt_rad: float = 0.0):
@@ -33,6 +38,28 @@ def test_lowest_sole_follows_the_root(robot):
     top = lowest_sole_m(robot, high.pos_w, high.quat_wxyz)
     np.testing.assert_allclose(top - bottom, 1.0, atol=1e-12)
     assert bottom[0] < 0 < top[0]
+
+
+def test_the_lift_onto_a_scene_is_that_of_the_foot_that_meets_it_first(robot):
+    """Upright on flat ground, contact asked for; then a box of 4 cm under the left foot, then the floor 10 cm lower."""
+    clip = Clip(
+        fps=50.0,
+        joint_names=robot.joint_names,
+        root_pos_w=np.tile([0.3, -0.2, 0.8], (3, 1)),
+        root_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)),
+        joint_pos_rad=np.tile(robot.default_pos_rad, (3, 1)),
+        contact=np.ones((3, 2)),
+    )
+    left = Box((0.3, 0.0, 0.02), (0.3, 0.19, 0.02))  # not under the right foot, whose sole ends at y = -0.28
+    flat, box, low = (
+        ground_lift_m(robot, build_reference(replace(clip, scene=scene), robot))
+        for scene in (Scene(), Scene(boxes=(left,)), Scene(-0.1, (left,)))
+    )
+    np.testing.assert_allclose(box, flat + 0.04, atol=1e-12)
+    np.testing.assert_allclose(low, flat + 0.04, atol=1e-12)
+    np.testing.assert_allclose(
+        ground_lift_m(robot, build_reference(replace(clip, scene=Scene(-0.1)), robot)), flat - 0.1, atol=1e-12
+    )
 
 
 def feet_at(speed_m_s: float, height_m: float, fps: float, seconds: float = 1.0) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Each check against poses and tracks whose answer is known by construction."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from motion.physics_checks import (
     self_collisions,
     speed_violations,
 )
+from world.scene import Box, Scene
 
 SQUARE = np.array([[-0.1, -0.05], [-0.1, 0.05], [0.1, -0.05], [0.1, 0.05]])
 
@@ -122,6 +124,14 @@ def test_report_of_a_standing_robot(robot, standing_clip):
     assert report.stable and report.stable_share == 1.0 and report.max_com_cop_m < 0.1
     assert report.self_collisions == {}
     assert json.loads(json.dumps(report.as_dict()))["stable"] is True
+
+
+def test_heights_are_measured_from_the_scene(robot, standing_clip):
+    """On a floor 20 cm lower, and on a box there whose top is where the ground was: floats, stands."""
+    clip = standing_clip(root_pos_w=on_the_ground(standing_clip(), robot))
+    box = Box((0.0, 0.0, -0.1), (0.5, 0.5, 0.1))
+    assert check_clip(replace(clip, scene=Scene(-0.2)), robot).float_m == pytest.approx(0.2)
+    assert check_clip(replace(clip, scene=Scene(-0.2, (box,))), robot) == check_clip(clip, robot)
 
 
 def test_report_of_a_robot_that_sinks_floats_and_slides(robot, standing_clip):

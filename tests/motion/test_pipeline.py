@@ -11,6 +11,7 @@ from motion.pipeline import ProcessRequest, process
 from motion.reference import joint_columns
 from motion.report.record import TRACKABLE, figures
 from tests.shared_data import SHARED, needs_shared_data
+from world.scene import Scene
 
 STEPS = ("read", "filter", "contact", "correct", "retarget", "finish", "forces")
 
@@ -76,6 +77,12 @@ def test_a_part_of_the_recording(standing_clip, tmp_path):
     assert record.options == {"start_s": 1.0, "end_s": 2.0}
     with pytest.raises(InputError, match="times outside the motion"):
         process(ProcessRequest(tmp_path / "long.npz", "long", end_s=3.5), lambda text: None)
+
+
+def test_a_clip_with_a_scene_is_refused(standing_clip, tmp_path):
+    save_clip(standing_clip(scene=Scene(-0.1)), tmp_path / "low.npz")
+    with pytest.raises(InputError, match=r"low\.npz: has a scene, expected a motion on flat ground at height 0"):
+        process(ProcessRequest(tmp_path / "low.npz", "low"), lambda text: None)
 
 
 def test_a_rejected_motion_goes_on_as_far_as_it_can(standing_clip, tmp_path):

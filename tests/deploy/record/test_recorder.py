@@ -6,11 +6,12 @@ import pytest
 from core.rotations import yaw_of
 from deploy.control.states import Mode, StateMachine
 from deploy.control.tick import Tick
-from deploy.record.recorder import Performance, Recorder, align_heading
+from deploy.record.recorder import Performance, Recorder, align_heading, has_fallen
 from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
 from world.plant import TrueState
+from world.scene import FLAT, Box, Scene
 
 KINEMATICS = ROBOT.kinematics
 
@@ -122,3 +123,10 @@ def test_a_second_start_is_a_new_performance(run):
             reading = state(truth=truth([0, 0, HEIGHT_M]))
             recorder(reading, tick(reading), None)
     assert isinstance(recorder.performance, Performance) and recorder.performance.num_steps == 10
+
+
+def test_a_fall_is_low_above_what_lies_under_the_root():
+    table = Scene(-1.0, (Box((0.0, 0.0, 0.5), (0.5, 0.5, 0.5)),))
+    assert [has_fallen(truth([0.0, 0.0, z]), FLAT) for z in (0.29, 0.31)] == [True, False]
+    assert [has_fallen(truth([0.0, 0.0, z]), table) for z in (1.29, 1.31)] == [True, False]
+    assert [has_fallen(truth([2.0, 0.0, z]), table) for z in (-0.71, -0.69)] == [True, False]

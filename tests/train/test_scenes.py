@@ -1,0 +1,97 @@
+"""A stepping clip on two boxes of 5 cm, one under the path of each foot: in training and in HAL's plant."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from core.errors import InputError
+from hal.simulated.mujoco import MujocoBackend
+from motion.clip import load_clip, save_clip
+from motion.feet import ground_lift_m
+from motion.library import open_motion
+from motion.reference import build_reference
+from tests.hal.rigs import SimulatedClock, hold, run, sim_options
+from tests.train.worlds import g1, settings, swaying_clip
+from train.mdp.factory import build_environment
+from train.simulation.domain import DomainRanges
+from train.simulation.mujoco_cpu import MujocoCpuSimulator
+from world.scene import FLAT, Box, Scene
+
+# The left sole of `steps` stays within x -0.22 to 0.25 m, y 0.02 to 0.22 m; the right one mirrors it.
+BOXES = Scene(boxes=tuple(Box((0.015, side * 0.1185, 0.025), (0.26, 0.11, 0.025)) for side in (1.0, -1.0)))
+TOP_M = 0.05
+TICKS = 10
+
+
+@pytest.fixture(scope="module")
+def start() -> np.ndarray:
+    """qpos of the first frame of a file of `steps` with the boxes, lifted onto them."""
+    clip = replace(open_motion("steps", g1()), scene=BOXES)
+    reference = build_reference(clip, g1())
+    lift_m = ground_lift_m(g1(), reference)
+    assert lift_m == pytest.approx(TOP_M, abs=1e-6)  # flat feet on the ground throughout, never beside the boxes
+    root_pos_w = reference.root_pos_w[0] + [0.0, 0.0, lift_m[0]]
+    return np.concatenate([root_pos_w, reference.root_quat_wxyz[0], reference.joint_pos_rad[0]])
+
+
+def assert_on_the_boxes(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Each foot touches its own box and nothing else; its sole lies at 5 cm."""
+    for foot, box in zip(g1().feet, ("box_0", "box_1")):
+        pairs = model.geom_bodyid[data.contact.geom], data.contact.geom
+        on = {int(geom[1 - side]) for body, geom in zip(*pairs) for side in (0, 1) if body[side] == model.body(foot).id}
+        assert on == {model.geom(box).id}
+        points_w = data.body(foot).xpos + g1().sole_points_m[foot] @ data.body(foot).xmat.reshape(3, 3).T
+        assert points_w[:, 2] == pytest.approx(TOP_M, abs=5e-3)
+
+
+def simulator(scenes: list[Scene], num_envs: int) -> MujocoCpuSimulator:
+    generators = (torch.Generator().manual_seed(stream) for stream in range(2))
+    return MujocoCpuSimulator(g1(), num_envs, DomainRanges(), *generators, scenes=scenes)
+
+
+def test_feet_stand_on_the_boxes_in_training(start):
+    sim = simulator([BOXES], 1)
+    sim.reset(torch.arange(1), torch.tensor(start)[None], torch.zeros(1, 29))
+    for _ in range(TICKS):
+        sim.step(torch.tensor(g1().default_pos_rad).float()[None])
+    assert float(sim.state().foot_force_w[..., 2].sum()) == pytest.approx(33.34114 * 9.81, rel=0.1)
+    model = sim._models[0]
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim._state[0, 1 : 1 + model.nq]
+    mujoco.mj_forward(model, data)
+    assert_on_the_boxes(model, data)
+
+
+def test_feet_stand_on_the_boxes_in_the_simulated_backend(start):
+    with MujocoBackend(g1(), SimulatedClock(), sim_options(), scene=BOXES, band=False) as backend:
+        backend.reset_to(start[:3], start[3:7], start[7:])
+        assert run(backend, hold(g1()), TICKS * 0.02).truth.foot_contact.all()
+        assert_on_the_boxes(backend.model, backend.data)
+
+
+def test_environments_stand_in_their_own_scenes(start):
+    """Flat ground lies 5 cm under a robot that is put on the boxes: it falls there, and stands where the boxes are."""
+    sim = simulator([FLAT, BOXES], 4)
+    sim.reset(torch.arange(4), torch.tensor(start).repeat(4, 1), torch.zeros(4, 29))
+    for _ in range(3):
+        sim.step(torch.tensor(g1().default_pos_rad).float().repeat(4, 1))
+    force_n = sim.state().foot_force_w[..., 2].sum(dim=1)
+    assert (force_n[[0, 2]] == 0.0).all() and (force_n[[1, 3]] > 100.0).all()
+    assert {model.nbody for model in sim._models} == {sim._nominal_model.nbody}
+
+
+def test_a_scene_travels_in_the_clip_to_the_environment(tmp_path):
+    save_clip(replace(open_motion("steps", g1()), scene=BOXES), tmp_path / "boxes.npz")
+    reference = build_reference(load_clip(tmp_path / "boxes.npz"), g1())
+    env = build_environment(settings(), g1(), reference, num_envs=2, seed=0, threads=1)
+    assert env.simulator._models[0].geom("box_1").pos.tolist() == [0.015, -0.1185, 0.025]
+
+
+def test_clips_of_different_scenes_are_refused():
+    clip = swaying_clip(g1())
+    references = {"plain": build_reference(clip, g1()), "boxes": build_reference(replace(clip, scene=BOXES), g1())}
+    with pytest.raises(InputError, match="clips of different scenes, got plain, boxes, expected one scene for all"):
+        build_environment(settings(), g1(), references, num_envs=2, seed=0, threads=1)
