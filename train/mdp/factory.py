@@ -16,6 +16,7 @@ from train.mdp.settings import EnvironmentSettings
 from train.mdp.tick import ReferenceTable
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
+from world.scene import Scene
 
 STREAMS = 4
 
@@ -37,9 +38,7 @@ def build_environment(
     """
     if isinstance(references, Reference):
         references = {"clip": references}
-    scene, *others = {reference.scene for reference in references.values()}
-    if others:
-        raise InputError("clips of different scenes", got=", ".join(references), expected="one scene for all")
+    scene = _shared_scene(references)
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -64,6 +63,13 @@ def build_environment(
     table = _table(robot, [*references.values()], device)
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
+
+
+def _shared_scene(references: Mapping[str, Reference]) -> Scene:
+    scene, *others = {reference.scene for reference in references.values()}
+    if others:
+        raise InputError("clips of different scenes", got=", ".join(references), expected="one scene for all")
+    return scene
 
 
 def _table(robot: Robot, references: list[Reference], device: Device) -> ReferenceTable:
