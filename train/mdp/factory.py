@@ -16,6 +16,7 @@ from train.mdp.settings import EnvironmentSettings
 from train.mdp.tick import ReferenceTable
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
+from world.scene import Scene
 
 STREAMS = 4
 
@@ -40,9 +41,7 @@ def build_environment(
     """
     if isinstance(references, Reference):
         references = {"clip": references}
-    scene, *others = {reference.scene for reference in references.values()}
-    if others:
-        raise InputError("clips of different scenes", got=", ".join(references), expected="one scene for all")
+    scene = _shared_scene(references)
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -70,6 +69,13 @@ def _recovery(settings: EnvironmentSettings, robot: Robot, scene: Scene, device:
     motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
     known = [replace(build_reference(motion, robot, CONTROL_PERIOD_S), scene=scene) for motion in motions]
     return _table(robot, known, device)
+
+
+def _shared_scene(references: Mapping[str, Reference]) -> Scene:
+    scene, *others = {reference.scene for reference in references.values()}
+    if others:
+        raise InputError("clips of different scenes", got=", ".join(references), expected="one scene for all")
+    return scene
 
 
 def _table(robot: Robot, references: list[Reference], device: Device) -> ReferenceTable:
