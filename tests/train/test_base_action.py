@@ -52,7 +52,7 @@ def test_it_stands_for_six_seconds_without_any_learning(standing):
     robot, reference = standing
     base = build_base_action(BaseActionSettings(), robot, reference, ACTION_SCALE)
     start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
-    rule = {"distance": False, "min_height_m": 0.5, "max_episode_s": 60.0}
+    rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}, "max_episode_s": 60.0}
     env = build_environment(settings(start=start, termination=rule), robot, reference, num_envs=16, seed=0, threads=2)
     observations = env.reset()
     for _ in range(300):
@@ -66,7 +66,7 @@ def test_feedforward_alone_does_not_stand(standing):
     robot, reference = standing
     base = build_base_action(BaseActionSettings(kind="feedforward"), robot, reference, ACTION_SCALE)
     start = {"first_frame": 1.0, "joint_noise_rad": 0.02}
-    rule = {"distance": False, "min_height_m": 0.5, "max_episode_s": 60.0}
+    rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}, "max_episode_s": 60.0}
     env = build_environment(settings(start=start, termination=rule), robot, reference, num_envs=8, seed=0, threads=2)
     observations, fallen = env.reset(), torch.zeros(8, dtype=torch.bool)
     for _ in range(200):

@@ -7,7 +7,7 @@ from train.mdp.divergence import without_diverged
 from train.nan_guard import NonFiniteError
 from train.simulation.simulator import PhysicsState
 
-SHAPES = ((3,), (4,), (3,), (3,), (23,), (23,), (2, 3), (5,))
+SHAPES = ((3,), (4,), (3,), (3,), (23,), (23,), (23,), (2, 3), (5,))
 
 
 def state(value, envs=300):

@@ -126,6 +126,28 @@ def test_the_rewarded_acceleration_error_is_the_judged_one_from_the_first_step_o
     assert judged > 40
 
 
+def test_a_contact_that_flickers_for_a_tick_is_no_step(monkeypatch):
+    """One foot, tick by tick; time in the air counts from the second tick without a contact, and ends at a contact."""
+    touches = [1, 0, 1, 0, 0, 0, 0, 1, 0]
+    air_s = [0.00, 0.00, 0.00, 0.00, 0.02, 0.04, 0.06, 0.00, 0.00]
+    new = [0, 0, 0, 0, 0, 0, 0, 1, 0]  # not the first: an episode begins with no time in the air
+    env = small_env(num_envs=1, seconds=2.0, start=FIRST_FRAME)
+    state, forces, seen = env.simulator.state, iter(touches), []
+
+    def with_forces():
+        force = torch.tensor([[[0.0, 0.0, 100.0 * next(forces)], [0.0, 0.0, 100.0]]])
+        return replace(state(), foot_force_w=force)
+
+    keep = env._keep
+    monkeypatch.setattr(env.simulator, "state", with_forces)
+    monkeypatch.setattr(env, "_keep", lambda t: (seen.append(t), keep(t)))
+    for wanted_s in air_s:
+        env.step(hold(env))
+        assert env.state.air_time_s[0, 0].item() == pytest.approx(wanted_s, abs=1e-6)
+    assert [int(t.first_contact[0, 0]) for t in seen] == new
+    assert [bool(t.contact[0, 0]) for t in seen] == [bool(touch) for touch in touches]
+
+
 def test_starts_lie_on_the_reference_with_its_velocities():
     env = small_env(num_envs=64)
     reference = swaying_reference(g1())

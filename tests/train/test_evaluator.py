@@ -10,7 +10,9 @@ SECONDS = 0.8
 
 def evaluated(act, **changes) -> dict[str, float]:
     robot = g1()
-    evaluator = NoisyStartEvaluator(settings(**changes), robot, swaying_reference(robot, SECONDS), seed=1, threads=2)
+    evaluator = NoisyStartEvaluator(
+        settings(**changes), robot, {"sway": swaying_reference(robot, SECONDS)}, seed=1, threads=2
+    )
     return evaluator.evaluate(act)
 
 
@@ -35,7 +37,7 @@ def test_randomised_starts_have_no_nominal_robots_among_them():
     for share in (0.0, 1.0):
         ranges = {"friction": [0.4, 0.6], "torque_offset": 0.05, "nominal_share": share}
         evaluator = NoisyStartEvaluator(
-            settings(randomization=ranges), robot, swaying_reference(robot, 0.2), seed=1, threads=2
+            settings(randomization=ranges), robot, {"sway": swaying_reference(robot, 0.2)}, seed=1, threads=2
         )
         figures.append(evaluator.evaluate(lambda observation: torch.zeros(len(observation), robot.num_joints)))
     assert figures[0] == figures[1]

@@ -7,6 +7,7 @@ import torch
 
 from motion.library import open_motion
 from policy.actor import load_actor
+from policy.layouts import pbhc_actor_group
 from robot.robot import load_robot
 from train import export
 from train.learner.networks import Actor, Mlp
@@ -62,7 +63,7 @@ def test_graph_equals_the_fp32_actor(precision, base):
 
 def test_file_is_a_complete_actor(tmp_path, robot, clip):
     actor, path = make_actor("bf16"), tmp_path / "actor.onnx"
-    spec = export.actor_spec(robot, clip, "stand", {"samples": 12, "seed": 3})
+    spec = export.actor_spec(robot, clip, "stand", {"samples": 12, "seed": 3}, pbhc_actor_group())
     digest = export.export_actor(actor, spec, clip, path)
     loaded = load_actor(path, robot)
     assert loaded.sha256 == digest
@@ -85,7 +86,7 @@ def test_a_graph_that_differs_never_appears(tmp_path, robot, clip, monkeypatch):
     wrong = export.to_onnx(export.deployed(other), "actor_obs")
     monkeypatch.setattr(export, "to_onnx", lambda actor, name: wrong)
     with pytest.raises(export.ExportError, match=r"differs from the actor by"):
-        export.export_actor(make_actor(), export.actor_spec(robot, clip, "stand", {}), clip, path)
+        export.export_actor(make_actor(), export.actor_spec(robot, clip, "stand", {}, pbhc_actor_group()), clip, path)
     assert path.read_bytes() == b"earlier actor"
     assert [entry.name for entry in tmp_path.iterdir()] == ["actor.onnx"]
 

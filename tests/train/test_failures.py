@@ -1,5 +1,7 @@
 """Where robots fail: what is counted, the chance to survive that follows, and the starts before those places."""
 
+from collections.abc import Sequence
+
 import pytest
 import torch
 
@@ -50,7 +52,7 @@ def test_the_environment_counts_failures_in_the_half_second_where_they_happen(er
     assert logs[-1]["survival_chance"] == pytest.approx(expected, rel=1e-3, abs=1e-12)
 
 
-def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -> None:
+def failing_at(rates: FailureRates, last_tick: int, hard: Sequence[int], share: float) -> None:
     """Robots spread over ticks 1 to last_tick, again and again, of which ``share`` fail in each of the hard ticks."""
     tick = torch.arange(1, last_tick + 1).repeat(20)
     nth = torch.arange(len(tick)) // last_tick
@@ -60,11 +62,23 @@ def failing_at(rates: FailureRates, last_tick: int, hard: range, share: float) -
 
 
 def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
-    rates = FailureRates(torch.tensor([310]))
-    failing_at(rates, 310, range(151, 161), share=0.05)
+    rates = FailureRates(torch.tensor([200]))
+    failing_at(rates, 200, range(151, 161), share=0.05)
     assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
     failing_at(rates, 100, range(0), share=0.0)  # they stay in the first two seconds: nothing new of the rest
     assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
+
+
+def test_the_chance_is_that_of_five_seconds_however_long_the_clip():
+    """Twenty seconds with one hard half second in every five: 0.95^25 = 0.2774 each, 0.0059 for all four."""
+    five, twenty, short = (FailureRates(torch.tensor([ticks])) for ticks in (250, 1000, 100))
+    hard_ticks = [tick for first in (51, 301, 551, 801) for tick in range(first, first + 25)]
+    failing_at(five, 250, hard_ticks[:25], share=0.05)
+    failing_at(twenty, 1000, hard_ticks, share=0.05)
+    failing_at(short, 100, hard_ticks[:25], share=0.05)
+    assert five.survival().item() == pytest.approx(0.2774, abs=2e-3)
+    assert twenty.survival().item() == pytest.approx(0.2774, abs=2e-3)
+    assert short.survival().item() == pytest.approx(0.2774, abs=2e-3)  # all of it: it is no easier for being short
 
 
 def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():

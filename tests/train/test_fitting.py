@@ -40,7 +40,7 @@ def test_a_clue_that_is_never_there_gets_no_weight():
 def fitted():
     robot = g1()
     reference = build_reference(open_motion("stand", robot), robot)
-    rule = {"distance": False, "min_height_m": 0.5}
+    rule = {"terms": {"tilt": {"limit": 0.75}, "height": {"min_m": 0.5}}}
     world = settings(observation_noise=NOISE, termination=rule, older_lags=BLOCKS)
     base = build_base_action(BaseActionSettings(features=True), robot, reference, 0.25, older_lags=BLOCKS)
     lines: list[str] = []

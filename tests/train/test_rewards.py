@@ -19,7 +19,7 @@ def on_reference() -> Tick:
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0])
     quats = identity.expand(1, POINTS, 4).clone()
     root, force = torch.zeros(1, 3), torch.tensor([[[0.0, 0.0, 170.0], [0.0, 0.0, 170.0]]])
-    physics = PhysicsState(root, identity[None], root, root, joints, joints, force, torch.zeros(1, 2))
+    physics = PhysicsState(root, identity[None], root, root, joints, joints, joints, force, torch.zeros(1, 2))
     reference = ReferenceRows(
         joints, joints, root, identity[None], root, root, three, quats, three, three,
         torch.ones(1, 2), torch.zeros(1, 1), torch.zeros(1),
@@ -29,8 +29,6 @@ def on_reference() -> Tick:
         pos_upper_rad=torch.full((JOINTS,), 1.0),
         vel_rad_s=torch.full((JOINTS,), 10.0),
         torque_nm=torch.full((JOINTS,), 20.0),
-        kp=torch.ones(JOINTS),
-        kd=torch.ones(JOINTS),
         default_pos_rad=torch.zeros(JOINTS),
         lower=torch.tensor([0, 1, 2]),
         upper=torch.tensor([3]),
@@ -44,8 +42,8 @@ def on_reference() -> Tick:
         reference=reference,
         action=joints,
         last_action=joints,
-        torque_nm=joints,
         contact=touching,
+        landed=touching,
         first_contact=~touching,
         air_time_s=torch.zeros(1, 2),
         acceleration_error_m=three,
@@ -162,24 +160,24 @@ def test_contact_mask_counts_feet_that_disagree():
 
 
 def test_limits():
-    t = with_joints(on_reference(), joint_pos_rad=[1.2, -1.1, 0.0], joint_vel_rad_s=[10.4, -15.0, 0.0])
-    t = replace(t, torque_nm=torch.tensor([[25.0, -21.0, 20.0]]))
+    speeds, torques = [10.4, -15.0, 0.0], [25.0, -20.3, 20.0]
+    t = with_joints(on_reference(), joint_pos_rad=[1.2, -1.1, 0.0], joint_vel_rad_s=speeds, torque_nm=torques)
     assert value(rewards.joint_position_limits, t) == pytest.approx(0.3, rel=1e-5)
     assert value(rewards.joint_velocity_limits, t) == pytest.approx(0.4 + 1.0, rel=1e-5)
-    assert value(rewards.torque_limits, t) == pytest.approx(6.0)
+    assert value(rewards.torque_limits, t) == pytest.approx(1.0 + 0.3, rel=1e-5)
     assert value(rewards.joint_position_limits_indicator, t) == 1.0
     assert value(rewards.joint_velocity_limits_indicator, t) == 1.0
     assert value(rewards.torque_limits_indicator, t) == 1.0
-    assert value(rewards.torque, t) == pytest.approx(25.0**2 + 21.0**2 + 20.0**2)
+    assert value(rewards.torque, t) == pytest.approx(25.0**2 + 20.3**2 + 20.0**2)
 
 
 def test_feet():
     t = on_reference()
     speed = torch.zeros(1, POINTS, 3)
-    speed[0, 1], speed[0, 2] = torch.tensor([3.0, 4.0, 0.0]), torch.tensor([0.0, 2.0, 0.0])
+    speed[0, 1], speed[0, 2] = torch.tensor([2.0, 3.0, 6.0]), torch.tensor([0.0, 2.0, 0.0])
     sliding = replace(t, bodies=replace(t.bodies, lin_vel_w=speed), contact=torch.tensor([[True, False]]))
-    assert value(rewards.slippage, sliding) == 5.0
-    assert value(rewards.slippage_squared, sliding) == 25.0
+    assert value(rewards.slippage, sliding) == 7.0  # all three axes in the code,
+    assert value(rewards.slippage_squared, sliding) == 13.0  # the horizontal ones in the paper
     landing = replace(t, first_contact=torch.tensor([[True, False]]), air_time_s=torch.tensor([[0.5, 0.4]]))
     assert value(rewards.feet_air_time, landing) == pytest.approx(0.2)
     assert value(rewards.feet_air_time_indicator, landing) == 2.0

@@ -57,6 +57,34 @@ def test_feet_carry_the_weight():
     assert sim.state().body_force_n.max() == 0.0
 
 
+def test_the_torque_is_what_acted_in_the_last_substep():
+    """Own gains, the delayed target and the limit: the PD law worked out on the state before the last sub-step."""
+    robot = g1()
+    one_step = (0.02, 0.02)
+    sim = simulator(DomainRanges(kp_scale=(1.1, 1.1), kd_scale=(0.9, 0.9), delay_s=one_step), num_envs=1)
+    qpos, qvel = standing(1)
+    sim.reset(torch.arange(1), qpos, qvel)
+    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model.actuator_gainprm[:, 0] *= 1.1
+    model.actuator_biasprm[:, 1] *= 1.1
+    model.actuator_biasprm[:, 2] *= 0.9
+    first, second = (torch.tensor(robot.default_pos_rad).float()[None] for _ in range(2))
+    first[0, 15], first[0, 3], second[0, 16] = 0.3, 4.0, 1.5
+    sim.step(first)
+    sim.step(second)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[0].double(), qvel[0].double(), first[0].double()
+    for step in range(8):
+        if step % 4 == 0:
+            data.qacc_warmstart[:] = 0.0
+        pos, vel = data.qpos[7:].copy(), data.qvel[6:].copy()
+        mujoco.mj_step(model, data)
+    wanted = 1.1 * robot.kp * (first[0].double().numpy() - pos) - 0.9 * robot.kd * vel
+    limited = np.clip(wanted, -robot.torque_limit_nm, robot.torque_limit_nm)
+    assert (limited != wanted).any() and (limited == wanted).any()
+    assert sim.state().torque_nm[0].numpy() == pytest.approx(limited, rel=1e-3, abs=0.05)
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02, 0.03, 0.04])
 def test_a_target_acts_after_the_delay(delay_s):
     """A jump of one target moves its joint only after the delay: compared with a run in which the jump comes late."""
@@ -192,3 +220,17 @@ def test_a_push_adds_velocity():
     sim.reset(torch.arange(2), *standing(2))
     sim.push(torch.tensor([1]), torch.tensor([[0.3, -0.2]]))
     assert sim.state().root_lin_vel_w.tolist() == [[0.0, 0.0, 0.0], pytest.approx([0.3, -0.2, 0.0])]
+
+
+def test_each_joint_has_its_own_size_of_torque_noise():
+    """Of 5 % of the limit times U(0.5, 1.5): drawn uniformly in ± that, so that its standard deviation is that / √3."""
+    sim = simulator(DomainRanges(torque_noise=0.05), num_envs=8)
+    sim.reset(torch.arange(8), *standing(8))
+    target = torch.tensor(g1().default_pos_rad).float().repeat(8, 1)
+    noises = []
+    for _ in range(100):
+        sim.step(target)
+        noises.append(sim._control[..., 23 + 6 :].clone())
+    share = torch.stack(noises, dim=1).flatten(1, 2).std(dim=1) / torch.tensor(g1().torque_limit_nm) * 3**0.5 / 0.05
+    assert 0.45 < share.min() < 0.6 and 1.4 < share.max() < 1.6
+    assert share.std(dim=1).min() > 0.15 and share.mean() == pytest.approx(1.0, abs=0.1)

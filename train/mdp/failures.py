@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 
 BIN_TICKS = 25
+SURVIVAL_TICKS = 250
 MEMORY = 0.995
 # The cause of a fall lies this long before it.
 CAUSE_BINS = 4
@@ -46,8 +47,11 @@ class FailureRates:
             total.mul_(MEMORY).view(-1).add_(torch.bincount(bins, weights, minlength=total.numel()))
 
     def survival(self) -> torch.Tensor:
-        """The chance (C,) to survive each clip from its first tick to its last, at the present rates."""
-        return self._log_survival().sum(dim=1).exp()
+        """The chance (C,) to survive five seconds of each clip at the present rates; all of a shorter clip.
+
+        The geometric mean over the clip: long clips are not harder for being long.
+        """
+        return (self._log_survival().sum(dim=1) * (SURVIVAL_TICKS / self._num_ticks).clamp(max=1.0)).exp()
 
     def ahead(self) -> torch.Tensor:
         """The chance (C, bins) to fail within the two seconds that begin with a bin."""

@@ -128,8 +128,8 @@ def joint_velocity_limits(t: Tick) -> torch.Tensor:
 
 @DIRECT
 def torque_limits(t: Tick) -> torch.Tensor:
-    """Sum over joints of the torque beyond the soft limit, Nm."""
-    return (t.torque_nm.abs() - t.limits.torque_nm).clamp(min=0.0).sum(dim=1)
+    """Sum over joints of the torque beyond the soft limit, each at most 1 Nm."""
+    return (t.physics.torque_nm.abs() - t.limits.torque_nm).clamp(0.0, 1.0).sum(dim=1)
 
 
 @DIRECT
@@ -150,20 +150,16 @@ def torque_limits_indicator(t: Tick) -> torch.Tensor:
     return (torque_limits(t) > 0).float()
 
 
-def _foot_speed(t: Tick) -> torch.Tensor:
-    return t.bodies.lin_vel_w[:, t.limits.feet].norm(dim=-1)
-
-
 @DIRECT
 def slippage(t: Tick) -> torch.Tensor:
     """Sum of the speeds of feet in contact, m/s (the code's form)."""
-    return (_foot_speed(t) * t.contact).sum(dim=1)
+    return (t.bodies.lin_vel_w[:, t.limits.feet].norm(dim=-1) * t.contact).sum(dim=1)
 
 
 @DIRECT
 def slippage_squared(t: Tick) -> torch.Tensor:
-    """Sum of the squared speeds of feet in contact, (m/s)² (the paper's form)."""
-    return (_foot_speed(t).square() * t.contact).sum(dim=1)
+    """Sum of the squared horizontal speeds of feet in contact, (m/s)² (the paper's form)."""
+    return (t.bodies.lin_vel_w[:, t.limits.feet, :2].square().sum(dim=-1) * t.contact).sum(dim=1)
 
 
 @DIRECT
@@ -194,7 +190,7 @@ def stumble(t: Tick) -> torch.Tensor:
 @DIRECT
 def torque(t: Tick) -> torch.Tensor:
     """Sum of squared torques, Nm²."""
-    return t.torque_nm.square().sum(dim=1)
+    return t.physics.torque_nm.square().sum(dim=1)
 
 
 @DIRECT

@@ -21,6 +21,7 @@ class EnvState(Batch):
         episode_steps: (B,) steps since.
         uniform_start: (B,) bool, whether the start was drawn uniformly.
         last_action: (B, J) raw.
+        contact: (B, 2) bool, whether each foot touched.
         air_time_s: (B, 2) of each foot.
         position_error_m: (B, 27, 3) of the tracked points.
         error_change_m: (B, 27, 3) since the step before.
@@ -37,6 +38,7 @@ class EnvState(Batch):
     episode_steps: torch.Tensor
     uniform_start: torch.Tensor
     last_action: torch.Tensor
+    contact: torch.Tensor
     air_time_s: torch.Tensor
     position_error_m: torch.Tensor
     error_change_m: torch.Tensor

@@ -100,8 +100,6 @@ class RobotLimits:
     pos_upper_rad: torch.Tensor
     vel_rad_s: torch.Tensor
     torque_nm: torch.Tensor
-    kp: torch.Tensor
-    kd: torch.Tensor
     default_pos_rad: torch.Tensor
     lower: torch.Tensor
     upper: torch.Tensor
@@ -124,8 +122,6 @@ class RobotLimits:
             pos_upper_rad=tensor(upper),
             vel_rad_s=tensor(robot.vel_limit_rad_s * robot.soft_limit_factor),
             torque_nm=tensor(robot.torque_limit_nm * torque_factor),
-            kp=tensor(robot.kp),
-            kd=tensor(robot.kd),
             default_pos_rad=tensor(robot.default_pos_rad),
             lower=points(robot.lower_tracked),
             upper=points(robot.upper_tracked),
@@ -143,9 +139,9 @@ class Tick:
         bodies: world poses and velocities of the tracked points.
         reference: the row that this state is compared with.
         action, last_action: (B, J) raw actions of this and the step before.
-        torque_nm: (B, J) PD torque at the end of the step, before disturbance.
         contact: (B, 2) whether each foot is pressed on anything by more than 1 N.
-        first_contact: (B, 2) whether that contact is new.
+        landed: (B, 2) whether it is on the ground: in contact now or a tick ago, as contacts flicker.
+        first_contact: (B, 2) whether that is new.
         air_time_s: (B, 2) time in the air up to this step.
         acceleration_error_m: (B, 27, 3) second difference over control steps of the points' position errors.
         error_limit_m: how far a point may be from its reference now.
@@ -158,8 +154,8 @@ class Tick:
     reference: ReferenceRows
     action: torch.Tensor
     last_action: torch.Tensor
-    torque_nm: torch.Tensor
     contact: torch.Tensor
+    landed: torch.Tensor
     first_contact: torch.Tensor
     air_time_s: torch.Tensor
     acceleration_error_m: torch.Tensor

@@ -64,7 +64,6 @@ class TrackingEnv:
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._physics = Physics(simulator, robot, device)
         self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
-        self._torque_limit = torch.tensor(robot.torque_limit_nm, device=device).float()
         self.observations = Observations(robot, s.actor_group(), s.observation_noise, device)
         self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
         self.rewards = RewardSum(
@@ -96,6 +95,7 @@ class TrackingEnv:
             episode_steps=steps,
             uniform_start=torch.zeros(envs, dtype=torch.bool, device=device),
             last_action=torch.zeros(envs, self.num_actions, device=device),
+            contact=torch.zeros(envs, 2, dtype=torch.bool, device=device),
             air_time_s=torch.zeros(envs, 2, device=device),
             position_error_m=torch.zeros_like(bodies.pos_w),
             error_change_m=torch.zeros_like(bodies.pos_w),
@@ -130,7 +130,7 @@ class TrackingEnv:
         self._physics.step(targets)
         state.tick += 1
         state.episode_steps += 1
-        t = self._after_physics(action, targets)
+        t = self._after_physics(action)
         rewards = self.rewards.of(t, self.curricula["penalty_scale"].value)
         timed_out = self.command.is_over(state) & ~t.terminated
         ended = t.terminated | timed_out
@@ -142,21 +142,21 @@ class TrackingEnv:
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
-    def _after_physics(self, action: torch.Tensor, targets: torch.Tensor) -> Tick:
+    def _after_physics(self, action: torch.Tensor) -> Tick:
         state = self.state
         physics, self.diverged = without_diverged(self._physics.state(), state.physics)
         bodies = self._physics.bodies(physics)
-        torque = self.limits.kp * (targets - physics.joint_pos_rad) - self.limits.kd * physics.joint_vel_rad_s
         contact = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
+        landed = contact | state.contact
         t = Tick(
             physics=physics,
             bodies=bodies,
             reference=state.target,
             action=action,
             last_action=state.last_action,
-            torque_nm=torch.clamp(torque, -self._torque_limit, self._torque_limit),
             contact=contact,
-            first_contact=contact & (state.air_time_s > 0.0),
+            landed=landed,
+            first_contact=landed & (state.air_time_s > 0.0),
             air_time_s=state.air_time_s + CONTROL_PERIOD_S,
             acceleration_error_m=(
                 bodies.pos_w - state.target.body_pos_w - state.position_error_m - state.error_change_m
@@ -172,7 +172,7 @@ class TrackingEnv:
         """Hand what the next step starts from over to it."""
         state = self.state
         state.last_action = t.action.clone()
-        state.air_time_s = torch.where(t.contact, 0.0, t.air_time_s)
+        state.contact, state.air_time_s = t.contact, torch.where(t.landed, 0.0, t.air_time_s)
         position_error_m = t.bodies.pos_w - t.reference.body_pos_w
         state.error_change_m = position_error_m - state.position_error_m
         state.position_error_m = position_error_m
@@ -217,7 +217,7 @@ class TrackingEnv:
         self._physics.reset(env_ids, start.qpos, start.qvel)
         self.command.begin(state, env_ids, start)
         state.last_action[env_ids] = 0.0
-        state.air_time_s[env_ids] = 0.0
+        state.contact[env_ids], state.air_time_s[env_ids] = False, 0.0
         physics = self._physics.state().rows(env_ids)
         bodies = self._physics.bodies(physics)
         state.physics.write(env_ids, physics)

@@ -32,7 +32,7 @@ def base_action_of(
     lags, threads = config.environment.older_lags, config.threads
     base = build_base_action(
         config.base_action, robot, reference, ACTION_SCALE,
-        older_lags=lags, threads=threads, stored=stored, progress=progress,
+        group=config.environment.actor_group(), older_lags=lags, threads=threads, stored=stored, progress=progress,
     )  # fmt: skip
     if base is not None and fit and config.base_action.estimate == "fitted":
         fit_estimate(

@@ -12,13 +12,18 @@ import numpy as np
 import torch
 from torch import nn
 
+from core.errors import InputError
 from core.rotations import cross, projected_gravity, quat_rotate_inverse
 from motion.reference import Reference
 from policy.layouts import OLDER_TERMS, PBHC_SCALES, pbhc_actor_group
-from policy.observation import num_lags, term_dims
+from policy.observation import term_dims
+from policy.spec import ObservationGroup
 from robot.robot import Robot
+from train.mdp.observations import term_slices
 
 MEASURED = ("projected_gravity", "base_ang_vel", "dof_pos", "dof_vel")
+LAGS = range(5)
+PBHC = pbhc_actor_group()
 GYRO_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 VELOCITY_WEIGHTS = (0.5, 0.3, 0.2, 0.0, 0.0)
 SLOPE_LAG = 2
@@ -43,22 +48,23 @@ class ObservedColumns:
         return self.actions[0]
 
     @classmethod
-    def of(cls, robot: Robot) -> "ObservedColumns":
-        """Find the columns in the actor's layout."""
-        group, dims = pbhc_actor_group(), term_dims(robot.num_joints)
-        at: dict[tuple[str, int], np.ndarray] = {}
-        scales: dict[str, float] = {}
-        first = 0
-        for entry in group.terms:
-            scales[entry.term] = entry.scale
-            for lag in entry.lags:
-                at[entry.term, lag] = np.arange(first, first + dims[entry.term])
-                first += dims[entry.term]
+    def of(cls, robot: Robot, group: ObservationGroup = PBHC) -> "ObservedColumns":
+        """Find the columns in the actor's layout. InputError where a term or a lag is missing."""
+        at, dims = term_slices(group, robot.num_joints), term_dims(robot.num_joints)
+        scales = {entry.term: entry.scale for entry in group.terms}
+        wanted = [f"{name}[{lag}]" for name in (*MEASURED, "actions") for lag in LAGS] + ["ref_motion_phase[0]"]
+        if missing := [name for name in wanted if name not in at]:
+            got, hint = f"no {', '.join(missing)}", "the prior needs environment.observations=pbhc"
+            raise InputError("lacks terms that the prior sees", where="environment.observations", got=got, hint=hint)
+
+        def columns(*names: str) -> np.ndarray:
+            return np.concatenate([np.arange(at[name].start, at[name].stop) for name in names])
+
         return cls(
-            measured=np.array([np.concatenate([at[name, lag] for name in MEASURED]) for lag in range(num_lags(group))]),
+            measured=np.array([columns(*(f"{name}[{lag}]" for name in MEASURED)) for lag in LAGS]),
             scale=np.concatenate([np.full(dims[name], scales[name]) for name in MEASURED]),
-            actions=np.array([at["actions", lag] for lag in range(num_lags(group))]),
-            phase=int(at["ref_motion_phase", 0][0]),
+            actions=np.array([columns(f"actions[{lag}]") for lag in LAGS]),
+            phase=at["ref_motion_phase[0]"].start,
         )
 
 

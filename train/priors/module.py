@@ -13,9 +13,10 @@ from torch import nn
 from core.structured import at_least, positive
 from motion.feet import ground_lift_m
 from motion.reference import Reference
+from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.phase_basis import num_knots, phase_hats
-from train.priors.estimator import Deviation, Drift, ObservedColumns, interpolate, reference_observation
+from train.priors.estimator import PBHC, Deviation, Drift, ObservedColumns, interpolate, reference_observation
 from train.priors.feasible import Nominal, feasible_motion
 from train.priors.features import NominalFeatures
 from train.priors.feedback import FeedbackCosts, add_stance_welds, feedback_gains
@@ -113,12 +114,13 @@ def build_base_action(
     reference: Reference,
     action_scale: float,
     *,
+    group: ObservationGroup = PBHC,
     older_lags: tuple[tuple[int, ...], ...] = (),
     threads: int = 1,
     stored: Path | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> BaseAction | None:
-    """Compute the base action of a reference; ``None`` where the settings say so.
+    """Compute the base action of a reference for actors that see ``group``; ``None`` where the settings say so.
 
     Takes some seconds; with a feasible aim some minutes, unless it is ``stored`` there from an earlier call.
     """
@@ -135,7 +137,7 @@ def build_base_action(
         gains = feedback_gains(model, robot, nominal.reference, nominal.targets_rad, s.costs, s.knot_ticks)
         gains = _at_even_phases(gains, reference, s.knot_ticks)
     raw = (nominal.targets_rad - robot.default_pos_rad) / action_scale
-    layout = ObservedColumns.of(robot)
+    layout = ObservedColumns.of(robot, group)
     last_raw = np.vstack([raw[:1], raw[:-1]])
     observed = torch.tensor(reference_observation(robot, nominal.reference, last_raw)).float()
     drift = Drift(older_lags, joints, observed) if older_lags else None

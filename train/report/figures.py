@@ -60,7 +60,7 @@ PANELS = (
         "Survival", "share", ("survival_of_uniform_starts", "survival_chance", "episode_length_ratio"),
         ("falls", "length_ratio"),
         caption="survival_of_uniform_starts: episodes from uniformly drawn starts that end without failing. "
-        "survival_chance: of a whole clip, at the present rates of failures in each half second. Dots: evaluated "
+        "survival_chance: of five seconds, at the present rates of failures in each half second. Dots: evaluated "
         "starts that did not fall, and how much of the clip they got through (length_ratio).",
     ),
     Panel("Adaptive sigma", "of its first value", ("sigma/",), logarithmic=True, caption="PBHC Eq. 8."),

@@ -22,6 +22,16 @@ _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_
 _NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
+def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
+    for actuator in spec.actuators:
+        spec.add_sensor(
+            name=f"torque_{actuator.name}",
+            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
+            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
+            objname=actuator.name,
+        )
+
+
 def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
     for body in bodies:
         spec.add_sensor(
@@ -69,6 +79,7 @@ class MujocoCpuSimulator:
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
 
         def edit(spec: mujoco.MjSpec) -> None:
+            _add_torque_sensors(spec)
             _add_contact_sensors(spec, self._sensed)
 
         model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
@@ -102,7 +113,7 @@ class MujocoCpuSimulator:
         self._lag = torch.zeros(envs, steps, dtype=torch.long)
         self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
-        self._torque_noise = torch.zeros(envs, 1, 1)
+        self._torque_noise = torch.zeros(envs, 1, self._robot.num_joints)
         self._fresh = torch.ones(envs, dtype=torch.bool)
 
     def set_randomization(self, scale: float) -> None:
@@ -131,7 +142,7 @@ class MujocoCpuSimulator:
         self._lag[env_ids] = torch.ceil(late.clamp(min=0) / self._substeps).long()
         offset = uniform((count, joints), -1.0, 1.0, self.episodes) * ranges.torque_offset
         self._torque_offset[env_ids] = offset * differs * self._torque_limit
-        noise = uniform((count, 1, 1), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
+        noise = uniform((count, 1, joints), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise * differs[..., None]
 
     def _draw_delay(self, count: int) -> torch.Tensor:
@@ -179,8 +190,10 @@ class MujocoCpuSimulator:
         """See :class:`train.simulation.simulator.Simulator`."""
         values = self._state[:, 1:].float()
         qpos, qvel = values[:, : self._nq], values[:, self._nq : self._nq + self._nv]
-        # Contact sensors are the last ones; they give the force that the body exerts.
-        force = -self._sensors[:, -1, -3 * len(self._sensed) :].float().unflatten(1, (-1, 3))
+        # Contact sensors are the last ones, after those of torques; they give the force that the body exerts.
+        contacts = 3 * len(self._sensed)
+        torque, force = self._sensors[:, -1, -contacts - self._nu :].float().split([self._nu, contacts], dim=1)
+        force = -force.unflatten(1, (-1, 3))
         return PhysicsState(
             root_pos_w=qpos[:, :3],
             root_quat_wxyz=qpos[:, 3:7],
@@ -188,6 +201,7 @@ class MujocoCpuSimulator:
             root_ang_vel_b=qvel[:, 3:6],
             joint_pos_rad=qpos[:, 7:],
             joint_vel_rad_s=qvel[:, 6:],
+            torque_nm=torque,
             foot_force_w=force[:, :2],
             body_force_n=force[:, 2:].norm(dim=-1),
         )

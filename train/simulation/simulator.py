@@ -21,6 +21,7 @@ class PhysicsState(Batch):
         joint_pos_rad: (B, J).
         joint_vel_rad_s: (B, J).
         foot_force_w: (B, 2, 3) newtons, net contact force on the left and right foot.
+        torque_nm: (B, J) what the actuators exerted last: delayed targets, the robot's own gains, within the limits.
         body_force_n: (B, P) newtons, norm of the net contact force on each penalised body.
     """
 
@@ -30,6 +31,7 @@ class PhysicsState(Batch):
     root_ang_vel_b: torch.Tensor
     joint_pos_rad: torch.Tensor
     joint_vel_rad_s: torch.Tensor
+    torque_nm: torch.Tensor
     foot_force_w: torch.Tensor
     body_force_n: torch.Tensor
 

@@ -80,7 +80,7 @@ def test_the_rule_is_the_evaluators(monkeypatch):
     monkeypatch.setattr(evaluator, "build_environment", lambda *_, **__: None)
     monkeypatch.setattr(evaluator, "_play", lambda *_: next(played))
     robot = g1()
-    judge = evaluator.NoisyStartEvaluator(settings(), robot, swaying_reference(robot, 0.2), seed=1, threads=1)
+    judge = evaluator.NoisyStartEvaluator(settings(), robot, {"sway": swaying_reference(robot, 0.2)}, seed=1, threads=1)
     one = Evaluation(1, judge.evaluate(lambda observations: observations))
     # The mean over both of Empbpe + Eg-mpbpe / 10 + 1000 * falls, as the rule says.
     assert one.score == pytest.approx(((10 + 2) + (30 + 5 + 250)) / 2)

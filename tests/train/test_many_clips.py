@@ -1,0 +1,165 @@
+"""Several clips in one batch: who tracks what, what the actor sees ahead, what is remembered of each."""
+
+import numpy as np
+import pytest
+import torch
+
+from core.errors import InputError
+from motion.library import open_motion
+from motion.reference import build_reference
+from policy.history import ObservationHistory
+from policy.layouts import window_actor_group
+from policy.observation import sample_terms, term_dims, window_ticks
+from policy.reference import window_at
+from policy.terms import ObservationInput
+from tests.train.worlds import g1, settings, swaying_reference
+from train.mdp.clip_sampler import ClipFigures, ClipSampler
+from train.mdp.evaluator import NoisyStartEvaluator
+from train.mdp.factory import build_environment
+from train.mdp.settings import ClipSettings
+
+ROBOT = g1()
+WINDOW = {"observations": "window", "critic": ["history", "reference_ahead", "reference_position"]}
+
+
+def references():
+    return {
+        "kick": build_reference(open_motion("side_kick", ROBOT), ROBOT),
+        "sway": swaying_reference(ROBOT, 0.6),
+        "stand": swaying_reference(ROBOT, 1.0),
+    }
+
+
+def environment(num_envs=6, **changes):
+    return build_environment(settings(**changes), ROBOT, references(), num_envs=num_envs, seed=2, threads=2)
+
+
+def sampler(**changes) -> ClipSampler:
+    return ClipSampler(ClipSettings(**changes), ("a", "b", "c", "d"), torch.Generator().manual_seed(1), "cpu")
+
+
+@pytest.mark.parametrize(
+    ("changes", "failing", "shares"),
+    [
+        ({"floor": 0.2, "cap": 9.0}, [0.3, 0.1, 0.0, 0.0], [0.65, 0.25, 0.05, 0.05]),
+        ({"floor": 1.0}, [0.9, 0.1, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]),
+        ({"floor": 0.0, "cap": 2.0}, [1.0, 0.0, 0.0, 0.0], [0.625, 0.125, 0.125, 0.125]),
+        ({"floor": 0.3, "cap": 9.0, "set_aside": ("b",)}, [0.2, 0.9, 0.2, 0.0], [0.45, 0.0, 0.45, 0.1]),
+        ({}, [0.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]),
+    ],
+)
+def test_clips_are_drawn_by_failure_with_a_floor_and_a_cap(changes, failing, shares):
+    """Floor 0.2: 0.05 each, and 0.8 as 3 to 1. Cap 2: half at most by failure, the other half for all."""
+    drawn = sampler(**changes)
+    assert drawn.shares(torch.tensor(failing)).tolist() == pytest.approx(shares)
+    clips = drawn.draw(torch.arange(20_000), torch.tensor(failing))
+    assert (torch.bincount(clips, minlength=4) / 20_000).tolist() == pytest.approx(shares, abs=0.015)
+
+
+def test_clips_in_turn_and_sets_aside_that_leave_none():
+    assert sampler(in_turn=True).draw(torch.arange(6), torch.ones(4)).tolist() == [0, 1, 2, 3, 0, 1]
+    with pytest.raises(InputError, match="set_aside: no such clip, got e"):
+        sampler(set_aside=("e",))
+    with pytest.raises(InputError, match="set_aside: no clip is left"):
+        sampler(set_aside=("a", "b", "c", "d"))
+
+
+def test_each_robot_follows_its_own_clip_to_its_own_end():
+    env = environment(start={"first_frame": 1.0}, clips={"in_turn": True}, termination={"terms": {}})
+    names = list(references().values())
+    assert env.command.num_ticks.tolist() == [reference.num_ticks for reference in names]
+    state = env.simulator.state()
+    for robot in range(6):
+        wanted = names[robot % 3].joint_pos_rad[0]
+        assert state.joint_pos_rad[robot].numpy() == pytest.approx(wanted, abs=1e-6)
+        ahead = names[robot % 3].body_pos_w[1]
+        assert env.state.target.body_pos_w[robot].numpy() == pytest.approx(ahead, abs=1e-5)
+    ends = [env.step(torch.zeros(6, 23)).timed_out.tolist() for _ in range(50)]
+    assert [tick for tick, ended in enumerate(ends, 1) if ended[1]] == [30]
+    assert [tick for tick, ended in enumerate(ends, 1) if ended[5]] == [50]
+
+
+def test_what_the_actor_sees_ahead_is_what_a_robot_computes():
+    """Robots of three clips, step by step, against the deployed history and window; near the end the last pose."""
+    env = environment(num_envs=3, start={"first_frame": 1.0}, clips={"in_turn": True}, **WINDOW)
+    group = window_actor_group()
+    assert env.actor_group == group
+    ticks, joints = window_ticks([group]), np.arange(23)
+    histories = [ObservationHistory(group, term_dims(23)) for _ in range(3)]
+    actions, generator = np.zeros((3, 23)), torch.Generator().manual_seed(4)
+    for tick in range(29):
+        state = env.simulator.state()
+        for robot, (history, reference) in enumerate(zip(histories, references().values(), strict=True)):
+            now = ObservationInput(
+                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
+                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
+                joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
+                joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
+                last_action=actions[robot],
+                phase=np.array([0.0]),
+                default_pos_rad=np.asarray(ROBOT.default_pos_rad),
+                reference=window_at(reference, tick, ticks, joints),
+            )
+            expected = history.push(sample_terms(history.terms, now))
+            seen = env.observations.actor(env.state.actor_history)[robot].numpy()
+            assert seen == pytest.approx(expected, abs=3e-5)
+        sent = 0.05 * torch.randn(3, 23, generator=generator)
+        env.step(sent)
+        actions = sent.numpy().astype(float)
+
+
+def test_the_layout_says_where_each_term_lies():
+    env = environment(**WINDOW)
+    observations = env.reset()
+    actor, critic = env.layout["actor"], env.layout["critic"]
+    state = env.simulator.state()
+    assert torch.equal(observations["actor"][:, actor["dof_vel[0]"]], (0.05 * state.joint_vel_rad_s))
+    joints = observations["actor"][:, actor["reference_joint_pos[0]"]]
+    assert joints.shape == (6, 7 * 23) and torch.equal(
+        observations["critic"][:, critic["reference_ahead"]][:, :161], joints
+    )
+    assert max(part.stop for part in critic.values()) == env.critic_obs_dim
+
+
+def test_figures_of_each_clip_are_means_of_what_was_seen():
+    """Two robots in a, one in b; b's ends at the second step after 3 of 4 ticks."""
+    figures = ClipFigures(("a", "b"), "cpu")
+    clip, ended = torch.tensor([0, 0, 1]), torch.tensor([False, False, True])
+    figures.update(clip, torch.tensor([10.0, 20.0, 40.0]), ended & False, torch.zeros(3))
+    figures.update(clip, torch.tensor([10.0, 20.0, 40.0]), ended, torch.tensor([0.1, 0.1, 0.75]))
+    assert figures.named(torch.tensor([0.5, 0.25])) == {
+        "clip/a/survival": 0.5, "clip/b/survival": 0.25, "clip/a/empbpe_mm": pytest.approx(15.0),
+        "clip/b/empbpe_mm": pytest.approx(40.0), "clip/b/episode_length_ratio": pytest.approx(0.75),
+    }  # fmt: skip
+
+
+def test_an_evaluation_tells_the_survival_of_each_clip():
+    """Standing still survives clips of standing; the kick from its first frame it does not follow, and falls or not."""
+    still = {name: reference for name, reference in references().items() if name != "kick"}
+    evaluator = NoisyStartEvaluator(settings(), ROBOT, still, seed=1, threads=2)
+    figures = evaluator.evaluate(lambda observation: torch.zeros(len(observation), 23))
+    assert figures["nominal_falls"] == 0.0 and figures["nominal_length_ratio"] == 1.0
+    assert (figures["nominal_clip/sway/survival"], figures["nominal_clip/stand/survival"]) == (1.0, 1.0)
+
+
+def test_a_state_of_many_clips_goes_on_to_the_same_numbers():
+    first, second = environment(**WINDOW), environment(**WINDOW)
+    generator = torch.Generator().manual_seed(5)
+    actions = 0.3 * torch.randn(50, 6, 23, generator=generator)
+    for action in actions[:20]:
+        first.step(action)
+    second.load_state_dict(first.state_dict())
+    for action in actions[20:]:
+        one, other = first.step(action), second.step(action)
+        assert torch.equal(one.observations["actor"], other.observations["actor"])
+        assert torch.equal(one.rewards, other.rewards)
+    assert first.figures() == second.figures() and len(first.figures()) >= 6
+
+
+def test_friction_is_not_drawn_below_what_the_clips_need():
+    env = build_environment(
+        settings(randomization={"friction": [0.4, 1.0]}), ROBOT, references(),
+        num_envs=64, seed=1, threads=1, friction_floor=0.8,
+    )  # fmt: skip
+    friction = env.simulator.domain.friction
+    assert friction.min() >= 0.8 and 0.95 < friction.max() <= 1.0
