@@ -15,7 +15,9 @@ from train.config import check as check_configuration
 from train.config import compose_document
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+TOLD_SIMPLY = [path for path in DOCUMENTS if path.name != "CONTRIBUTING.md"]
+LONGEST_SENTENCE_WORDS, LONGEST_CELL = 25, 250
 
 
 def code_lines(path: Path) -> list[str]:
@@ -23,6 +25,25 @@ def code_lines(path: Path) -> list[str]:
     blocks = re.findall(r"^```sh\n(.*?)^```$", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     lines = [re.sub(r"(^|\s)#.*$", "", line).strip() for block in blocks for line in block.splitlines()]
     return [line for line in lines if line]
+
+
+def text_of(path: Path) -> str:
+    """Without blocks of code and comments; a piece of code or a link is one word or its words."""
+    text = re.sub(r"^ *```.*?^ *```$|<!--.*?-->", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", re.sub(r"`[^`]*`", "code", text))
+
+
+def sentences(path: Path) -> list[str]:
+    """Of paragraphs and of items of lists, not of headings, tables and indented lines."""
+    blocks = [""]
+    for line in text_of(path).splitlines():
+        if not line.strip() or line.startswith(("#", "|", "    ")):
+            blocks.append("")
+        elif item := re.match(r"\s*(?:[-*]|\d+\.) (.*)", line):
+            blocks.append(item.group(1))
+        else:
+            blocks[-1] += f" {line.strip()}"
+    return [sentence for block in blocks for sentence in re.split(r"(?<=[.!?])\W*\s+", block)]
 
 
 COMMANDS = [(path.name, line) for path in DOCUMENTS for line in code_lines(path)]
@@ -93,7 +114,7 @@ def test_command_works_as_written(document: str, line: str) -> None:
             check_options(command, words[1:])
 
 
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_and_paths_lead_somewhere(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     targets = [link for link in re.findall(r"\]\(([^)#\s]+)\)", text) if "://" not in link]
@@ -102,6 +123,27 @@ def test_links_and_paths_lead_somewhere(path: Path) -> None:
     named = re.findall(rf"`((?:{rooms})/[\w./]*)`", text)
     missing += [name for name in named if "NAME" not in name and not (ROOT / name).exists()]
     assert missing == []
+
+
+def test_sentences_and_cells_are_what_is_counted(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# Not this\n\nOne `a b c` two. **Three** [four five](six)!\n- seven\n\n| eight |\n```sh\nnine\n```\n"
+    )
+    assert [re.findall(r"\w+", sentence) for sentence in sentences(page) if sentence] == [
+        ["One", "code", "two"],
+        ["Three", "four", "five"],
+        ["seven"],
+    ]
+
+
+@pytest.mark.parametrize("path", TOLD_SIMPLY, ids=lambda path: str(path.relative_to(ROOT)))
+def test_sentences_and_cells_are_short(path: Path) -> None:
+    counted = [sum(1 for word in sentence.split() if re.search(r"\w", word)) for sentence in sentences(path)]
+    long = [text for text, words in zip(sentences(path), counted) if words > LONGEST_SENTENCE_WORDS]
+    rows = re.findall(r"^\|(.*)\|$", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    long += [cell for row in rows for cell in re.split(r"(?<!\\)\|", row) if len(cell.strip()) > LONGEST_CELL]
+    assert long == []
 
 
 def test_table_of_keys_is_what_the_operator_understands() -> None:
