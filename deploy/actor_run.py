@@ -13,6 +13,7 @@ from motion.reference import Reference
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
 from robot.robot import Robot
+from world.scene import FLAT
 
 
 class ActorRun:
@@ -20,6 +21,7 @@ class ActorRun:
 
     num_ticks: control ticks of its clip, floor(duration/dt). start_pose_rad: (J,) in the robot's joint order.
     reference: what its clip asks for at every tick; for metrics, logs and pictures only.
+    scene: what that stands in.
     Raises InputError when the actor carries no motion.
     """
 
@@ -29,6 +31,7 @@ class ActorRun:
             raise InputError("the actor has no reference motion", where=actor.path, hint="give --motion")
         self.actor = actor
         self.reference = reference
+        self.scene = FLAT if reference is None else reference.scene
         self.name = spec.motion.name
         self.period_s = spec.control_period_s
         self.duration_s = spec.motion.duration_s

@@ -11,6 +11,7 @@ from motion.reference import build_reference, joint_columns
 from policy.actor import load_actor
 from policy.spec import motion_info
 from robot.robot import Robot
+from world.scene import Scene
 
 
 def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
@@ -39,3 +40,13 @@ def check_same_period(runs: list[ActorRun]) -> float:
         got = ", ".join(f"{run.name} {run.period_s:g} s" for run in runs)
         raise InputError("actors of different control periods cannot share a loop", got=got)
     return periods.pop()
+
+
+def check_same_scene(tracked: list[ActorRun]) -> Scene:
+    """What the motions of all actors stand in. Raises InputError where they differ."""
+    scenes = {run.scene for run in tracked}
+    if len(scenes) > 1:
+        raise InputError(
+            "motions of different scenes", got=", ".join(run.name for run in tracked), expected="one scene"
+        )
+    return scenes.pop()

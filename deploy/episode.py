@@ -14,7 +14,7 @@ from deploy.control.loop import Observer, Plan
 from deploy.control.states import Request, StateMachine
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
-from deploy.record.recorder import FALL_HEIGHT_M, Performance
+from deploy.record.recorder import Performance, has_fallen
 from deploy.settings import DeploySettings
 from hal.contract.backend import Placeable
 from hal.contract.types import RobotState
@@ -34,7 +34,7 @@ class Start(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Scene:
+class EpisodeRig:
     """What episodes share; built once. backend is open. stand: needed for Start.STAND.
 
     report_only: the limits on targets and torques only count, and a trip alone is not a fall.
@@ -55,8 +55,9 @@ class EpisodeResult:
     """performance: what was recorded; track, reference: done and asked, row by row. None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
-    fell: root below 0.3 m at any time out of the band, or a trip where trips count. outcome: completed, fell, tripped
-    or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of deploy/run.
+    fell: root less than 0.3 m above the scene at any time out of the band, or a trip where trips count. outcome:
+    completed, fell, tripped or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of
+    deploy/run.
     """
 
     performance: Performance | None
@@ -73,7 +74,7 @@ class EpisodeResult:
 
 
 def run_episode(
-    scene: Scene,
+    rig: EpisodeRig,
     rng: np.random.Generator,
     *,
     start: Start = Start.REFERENCE,
@@ -84,21 +85,21 @@ def run_episode(
 
     start_noise_rad: std of a normal added to every joint position at the start.
     """
-    stand = scene.stand if start is Start.STAND else None
-    cell = Cell(scene.robot, scene.settings, [scene.actor], stand, report_only=scene.report_only)
+    stand = rig.stand if start is Start.STAND else None
+    cell = Cell(rig.robot, rig.settings, [rig.actor], stand, report_only=rig.report_only)
     if start is Start.REFERENCE:
-        place_at_reference(scene.backend, scene.actor, start_noise_rad, rng)
+        place_at_reference(rig.backend, rig.actor, start_noise_rad, rng)
         plan = cell.start_tracking()
     elif stand is None:
         raise InputError("an episode that begins with standing up needs the stand actor")
     else:
-        noise = rng.normal(0.0, start_noise_rad, scene.robot.num_joints)
-        scene.backend.hang(scene.robot.default_pos_rad + noise, rng=rng)
+        noise = rng.normal(0.0, start_noise_rad, rig.robot.num_joints)
+        rig.backend.hang(rig.robot.default_pos_rad + noise, rng=rng)
         plan = cell.unattended()
-    falls = FallWatch(scene.backend)
-    until_fall = _UntilFall(plan, falls, cell.machine, scene)
-    cell.loop(scene.backend, scene.clock, plan=until_fall, observers=[falls, *observers]).run()
-    return _result(scene, cell, falls.fell, plan.failure)
+    falls = FallWatch(rig.backend)
+    until_fall = _UntilFall(plan, falls, cell.machine, rig)
+    cell.loop(rig.backend, rig.clock, plan=until_fall, observers=[falls, *observers]).run()
+    return _result(rig, cell, falls.fell, plan.failure)
 
 
 def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: float, rng: np.random.Generator) -> None:
@@ -111,7 +112,7 @@ def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: flo
 
 
 class FallWatch:
-    """An observer: has the root been below 0.3 m while the band did not hold it?"""
+    """An observer: has the root been less than 0.3 m above the scene while the band did not hold it?"""
 
     def __init__(self, backend: MujocoBackend) -> None:
         self._backend = backend
@@ -119,17 +120,17 @@ class FallWatch:
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
-        if state is not None and state.truth is not None and state.truth.root_pos_w[2] < FALL_HEIGHT_M:
+        if state is not None and state.truth is not None and has_fallen(state.truth, self._backend.scene):
             self.fell = self.fell or not self._backend.band_attached
 
 
 class _UntilFall:
     """The plan, ended by a fall; where a trip alone is no fall, the damped robot is watched a little longer."""
 
-    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, scene: Scene) -> None:
+    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, rig: EpisodeRig) -> None:
         self.failure: str | None = None
         self._plan, self._falls, self._machine = plan, falls, machine
-        self._watch = round(WATCH_AFTER_TRIP_S / scene.actor.period_s) if scene.report_only else 0
+        self._watch = round(WATCH_AFTER_TRIP_S / rig.actor.period_s) if rig.report_only else 0
 
     def requests(self, state: RobotState | None) -> Sequence[Request]:
         """See Plan."""
@@ -141,10 +142,10 @@ class _UntilFall:
         return self._plan.requests(state)
 
 
-def _result(scene: Scene, cell: Cell, fell: bool, failure: str | None) -> EpisodeResult:
+def _result(rig: EpisodeRig, cell: Cell, fell: bool, failure: str | None) -> EpisodeResult:
     performance, fault = cell.recorder.performance, cell.machine.fault
-    tracks = performance.tracks(scene.kinematics) if performance and performance.num_steps else (None, None)
-    metrics = performance.metrics(scene.kinematics) if performance else dict.fromkeys(METRIC_KEYS)
+    tracks = performance.tracks(rig.kinematics) if performance and performance.num_steps else (None, None)
+    metrics = performance.metrics(rig.kinematics) if performance else dict.fromkeys(METRIC_KEYS)
     tripped = fault is not None
     outcome = "tripped" if tripped else "fell" if fell else "completed" if failure is None else "failed"
     return EpisodeResult(
@@ -153,8 +154,8 @@ def _result(scene: Scene, cell: Cell, fell: bool, failure: str | None) -> Episod
         reference=tracks[1],
         metrics=metrics,
         steps=performance.num_steps if performance else 0,
-        num_ticks=scene.actor.num_ticks,
-        fell=fell or (tripped and not scene.report_only),
+        num_ticks=rig.actor.num_ticks,
+        fell=fell or (tripped and not rig.report_only),
         outcome=outcome,
         fault=str(fault) if tripped else failure,
         limits=dict(cell.guard.counts),

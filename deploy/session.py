@@ -9,7 +9,7 @@ import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
 from deploy.actor_run import ActorRun
-from deploy.actors import check_same_period, load_run
+from deploy.actors import check_same_period, check_same_scene, load_run
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
@@ -70,7 +70,8 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
             ending = _perform(options, setup, cell, film, signals)
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
-        model = compile_model(setup.robot, timestep_s=setup.period_s, meshes=options.meshes)
+        scene = setup.actors[0].scene
+        model = compile_model(setup.robot, timestep_s=setup.period_s, scene=scene, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
             print(f"stopped: {options.video} was not drawn", flush=True)
     return report
@@ -94,6 +95,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         control_period_s=period_s,
         config=options.hal_config,
         sim=sim,
+        scene=check_same_scene([*actors]),
         sim_model=options.sim_model,
         band=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,

@@ -19,6 +19,7 @@ from hal.wire.driver import DriverFactory
 from hal.wire.emulated import EmulatedWireBackend
 from robot.robot import Robot
 from world.options import SimOptions, load_sim_options
+from world.scene import FLAT, Scene
 
 # name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
 # `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
@@ -40,6 +41,7 @@ def open_backend(
     control_period_s: float = 0.02,
     config: str | Path | None = None,
     sim: str | Path | SimOptions = "default",
+    scene: Scene = FLAT,
     sim_model: Path | None = None,
     band: bool = True,
     meshes: Path | None = None,
@@ -49,10 +51,10 @@ def open_backend(
 ) -> Backend:
     """Build the backend `name`; entering it connects.
 
-    config: file or name in configs/hal (not mujoco). sim, sim_model, band, meshes, rng: see MujocoBackend; sim may be a
-    name in configs/world, a file, or the options themselves. endpoints: where a wire connects, instead of what its
-    configuration says; emulator: the running other end of a wire, which adds its own endpoints. Raises InputError on
-    an unknown name or an unusable option.
+    config: file or name in configs/hal (not mujoco). sim, scene, sim_model, band, meshes, rng: see MujocoBackend; sim
+    may be a name in configs/world, a file, or the options themselves. endpoints: where a wire connects, instead of
+    what its configuration says; emulator: the running other end of a wire, which adds its own endpoints. Raises
+    InputError on an unknown name or an unusable option.
     """
     if name in WIRES:
         factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **(endpoints or {})})
@@ -75,6 +77,7 @@ def open_backend(
             clock,
             sim_options,
             control_period_s=control_period_s,
+            scene=scene,
             sim_model=sim_model,
             band=band,
             meshes=meshes,

@@ -4,7 +4,7 @@ import hashlib
 import io
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,14 @@ import numpy as np
 
 from core.errors import InputError
 from core.files import write_whole
+from core.structured import parse
 from motion.npz import read_file, read_npz
+from world.scene import FLAT, MAX_BOXES, Scene
 
 ARRAY_FIELDS = ("root_pos_w", "root_quat_wxyz", "joint_pos_rad", "contact")
 TEXT_FIELDS = ("source", "license", "created_by")
 FIELDS = ("fps", "joint_names", *ARRAY_FIELDS, *TEXT_FIELDS)
+SCENE_FIELD = "scene"  # only in files of clips that do not stand on flat ground at 0
 
 MIN_FPS, MAX_FPS = 1.0, 1000.0
 MAX_ROOT_M = 1e3  # beyond: surely not metres
@@ -31,7 +34,8 @@ class Clip:
     """N frames of a robot's root and J joints at `fps` frames per second; lasts (N-1)/fps seconds.
 
     root_pos_w (N,3) m; root_quat_wxyz (N,4) unit; joint_pos_rad (N,J) in the order of joint_names;
-    contact (N,2) left and right foot in [0,1]. Arrays become read-only float64. Raises InputError naming the field.
+    contact (N,2) left and right foot in [0,1]; scene: what the motion stands in. Arrays become read-only float64.
+    Raises InputError naming the field.
     """
 
     fps: float
@@ -43,6 +47,7 @@ class Clip:
     source: str = ""
     license: str = ""
     created_by: str = ""
+    scene: Scene = FLAT
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fps", _checked_fps(self.fps))
@@ -76,7 +81,7 @@ class Clip:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of the motion itself (fps, joint names, arrays); the texts about it do not enter."""
+        """Digest of the motion itself (fps, joint names, arrays, scene); the texts about it do not enter."""
         digest = hashlib.sha256()
         digest.update(np.float64(self.fps).astype("<f8").tobytes())
         digest.update("\n".join(self.joint_names).encode())
@@ -84,6 +89,8 @@ class Clip:
             array = getattr(self, name)
             digest.update(f"|{name}{array.shape}|".encode())
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+        if self.scene != FLAT:
+            digest.update(b"|scene|" + _scene_numbers(self.scene).tobytes())
         return digest.hexdigest()
 
 
@@ -108,19 +115,21 @@ def clip_to_bytes(clip: Clip) -> bytes:
     """The .npz file of `clip` as bytes; equal clips give equal bytes (stored, not compressed, one fixed date)."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        for field in fields(Clip):
-            value = getattr(clip, field.name)
-            array = np.asarray(value, dtype="<f8" if field.name in ("fps", *ARRAY_FIELDS) else None)
+        arrays = {name: np.asarray(getattr(clip, name)) for name in FIELDS}
+        if clip.scene != FLAT:
+            arrays[SCENE_FIELD] = _scene_numbers(clip.scene)
+        for name, value in arrays.items():
+            array = value.astype("<f8") if name in ("fps", *ARRAY_FIELDS) else value
             member = io.BytesIO()
             np.lib.format.write_array(member, np.ascontiguousarray(array).reshape(array.shape), allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{field.name}.npy", _ZIP_TIME), member.getvalue())
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", _ZIP_TIME), member.getvalue())
     return buffer.getvalue()
 
 
 def clip_from_bytes(content: bytes, where: str = "clip") -> Clip:
-    """Inverse of clip_to_bytes; reads any .npz with exactly these fields. Raises InputError (file, field)."""
+    """Inverse of clip_to_bytes; reads any .npz with these fields; a scene may lack. Raises InputError (file, field)."""
     arrays = read_npz(content, where)
-    unknown, missing = sorted(arrays.keys() - set(FIELDS)), [name for name in FIELDS if name not in arrays]
+    unknown, missing = sorted(arrays.keys() - {*FIELDS, SCENE_FIELD}), [name for name in FIELDS if name not in arrays]
     if unknown or missing:
         got = "; ".join(f"{kind} {', '.join(n)}" for kind, n in (("unknown", unknown), ("missing", missing)) if n)
         raise InputError("wrong fields", where=where, got=got, expected=", ".join(FIELDS))
@@ -143,7 +152,32 @@ def _plain_values(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
         got = f"shape {arrays['joint_names'].shape}, type {arrays['joint_names'].dtype}"
         raise InputError("wrong shape or type", where="joint_names", got=got, expected="a list of texts")
     values["joint_names"] = tuple(arrays["joint_names"].tolist())
+    if SCENE_FIELD in arrays:
+        values[SCENE_FIELD] = _scene_of(arrays[SCENE_FIELD])
     return values
+
+
+def _scene_numbers(scene: Scene) -> np.ndarray:
+    """The floor's height, then centre, half sizes and yaw of each box: (1 + 7K,)."""
+    boxes = [number for box in scene.boxes for number in (*box.centre_m, *box.half_size_m, box.yaw_rad)]
+    return np.array([scene.floor_m, *boxes], dtype="<f8")
+
+
+def _scene_of(numbers: np.ndarray) -> Scene:
+    """Inverse of _scene_numbers."""
+    fits = numbers.ndim == 1 and numbers.size % 7 == 1 and numbers.size <= 1 + 7 * MAX_BOXES
+    if not fits or numbers.dtype.kind not in "fiu":
+        got = f"shape {numbers.shape}, type {numbers.dtype}"
+        raise InputError(
+            "wrong shape or type",
+            where=SCENE_FIELD,
+            got=got,
+            expected=f"1 number, and 7 a box, at most {MAX_BOXES} boxes",
+        )
+    floor_m, *rest = numbers.tolist()
+    rows = [rest[i : i + 7] for i in range(0, len(rest), 7)]
+    boxes = [{"centre_m": row[:3], "half_size_m": row[3:6], "yaw_rad": row[6]} for row in rows]
+    return parse(Scene, {"floor_m": floor_m, "boxes": boxes}, SCENE_FIELD)
 
 
 def _checked_fps(fps: Any) -> float:

@@ -45,11 +45,12 @@ def flat_middle_w(sole_w: np.ndarray) -> np.ndarray:
 
 
 def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
-    """How far to move the root (T,) up or down so that the lowest sole corner touches the ground.
+    """How far to move the root (T,) up or down so that the first sole corner touches the clip's scene.
 
     Ticks without contact are only ever raised. A mask of one half (PBHC's blends to the default pose) is contact.
     """
-    lowest = lowest_sole_m(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    points_w = sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz)
+    lowest = (points_w[..., 2] - reference.scene.height_at(points_w[..., :2])).min(axis=(1, 2))
     touching = reference.contact.max(axis=1) >= 0.5
     return np.where(touching, -lowest, np.maximum(0.0, -lowest))
 

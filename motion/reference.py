@@ -8,6 +8,7 @@ from core.errors import InputError
 from motion.clip import Clip
 from motion.resample import sample_clip
 from robot.robot import Robot
+from world.scene import FLAT, Scene
 
 MAX_DURATION_S = 3600.0
 
@@ -18,6 +19,7 @@ class Reference:
 
     Joints in the robot's order; bodies = the robot's tracked names. Positions m, velocities m/s and rad/s, world frame.
     joint_* (K+1,J); root_* (K+1,3 or 4); body_* (K+1,27,3 or 4); contact (K+1,2); phase (K+1,) = min(1, k*dt/duration).
+    scene: what the clip stands in.
     """
 
     dt_s: float
@@ -34,6 +36,7 @@ class Reference:
     body_ang_vel_w: np.ndarray
     contact: np.ndarray
     phase: np.ndarray
+    scene: Scene = FLAT
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -80,6 +83,7 @@ def build_reference(clip: Clip, robot: Robot, dt_s: float = 0.02) -> Reference:
         body_ang_vel_w=bodies.ang_vel_w,
         contact=samples.contact,
         phase=np.minimum(1.0, times_s / clip.duration_s),
+        scene=clip.scene,
     )
 
 

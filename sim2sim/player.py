@@ -6,7 +6,7 @@ from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
-from deploy.episode import EpisodeResult, Scene, Start, run_episode
+from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
 from policy.actor import Actor
@@ -32,7 +32,7 @@ class Player:
         if len(periods) > 1:
             raise InputError("actors of different control periods cannot be compared", got=f"{sorted(periods)} s")
         self.period_s = periods.pop()
-        self._scenes = [self._scene(run) for run in self._runs]
+        self._rigs = [self._rig(run) for run in self._runs]
 
     @property
     def actors(self) -> list[Actor]:
@@ -47,25 +47,26 @@ class Player:
         """One episode of one policy; depends on nothing that was played before."""
         request = self.request
         result = run_episode(
-            self._scenes[policy],
+            self._rigs[policy],
             request.generator(episode),
             start=Start(request.start),
             start_noise_rad=request.start_noise_rad,
         )
         return score_of(result)
 
-    def _scene(self, run: ActorRun) -> Scene:
+    def _rig(self, run: ActorRun) -> EpisodeRig:
         request, options, clock = self.request, self.request.sim_options(), SimulatedClock()
         backend = MujocoBackend(
             self.robot,
             clock,
             options,
             control_period_s=self.period_s,
+            scene=run.scene,
             sim_model=request.sim_model,
             band=request.start == "stand",
         )
         backend.open()
-        return Scene(
+        return EpisodeRig(
             robot=self.robot,
             kinematics=self._kinematics,
             settings=self._settings,

@@ -10,21 +10,22 @@ import mujoco
 
 from core.errors import InputError
 from robot.robot import Robot
-from world import appearance, scene
+from world import appearance
+from world.scene import FLAT, Scene, add_scene
 
 Actuation = Literal["torque", "position"]
 
 
-def build_spec(robot: Robot, *, meshes: Path | None = None) -> mujoco.MjSpec:
-    """The robot's MJCF as an editable spec without actuators, on the ground plane ``floor``, with sky and light.
+def build_spec(robot: Robot, *, scene: Scene = FLAT, meshes: Path | None = None) -> mujoco.MjSpec:
+    """The robot's MJCF as an editable spec without actuators, in the scene, with sky and light.
 
-    ``meshes`` is a folder with the maker's STL
-    files: bodies that have one there show it. Raises InputError when that folder is of no use.
+    ``meshes`` is a folder with the maker's STL files: bodies that have one there show it.
+    Raises InputError when that folder is of no use.
     """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     if meshes is not None:
         appearance.add_meshes(spec, robot, Path(meshes))
-    scene.add_floor(spec)
+    add_scene(spec, scene)
     appearance.add_sky_and_light(spec)
     return spec
 
@@ -33,6 +34,7 @@ def compile_model(
     robot: Robot,
     *,
     timestep_s: float,
+    scene: Scene = FLAT,
     meshes: Path | None = None,
     actuation: Actuation = "torque",
     strip_visuals: bool = False,
@@ -47,7 +49,7 @@ def compile_model(
     """
     if not timestep_s > 0:
         raise InputError("timestep_s", got=timestep_s, expected="a positive number of seconds")
-    spec = build_spec(robot, meshes=meshes)
+    spec = build_spec(robot, scene=scene, meshes=meshes)
     spec.option.timestep = timestep_s
     for i in range(robot.num_joints):
         _add_actuator(spec, robot, i, actuation)

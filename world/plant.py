@@ -9,6 +9,7 @@ from core.rotations import cross, quat_mul, quat_rotate_inverse
 from robot.robot import Robot
 from world.actuation import JointCommand
 from world.randomization import Conditions
+from world.scene import FLAT, Scene
 
 CONTACT_FORCE_N = 1.0
 JAMMED_NM_S = 1e5
@@ -46,10 +47,10 @@ class TrueState:
 
 
 class Plant:
-    """A model from `build_plant_model`, its data, and the nominal figures that episodes vary."""
+    """A model from `build_plant_model`, its data, its scene, and the nominal figures that episodes vary."""
 
-    def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
-        self.robot, self.model, self.data = robot, model, mujoco.MjData(model)
+    def __init__(self, robot: Robot, model: mujoco.MjModel, scene: Scene = FLAT) -> None:
+        self.robot, self.model, self.data, self.scene = robot, model, mujoco.MjData(model), scene
         joints = [model.joint(name) for name in robot.joint_names]
         self._qpos = np.array([int(joint.qposadr[0]) for joint in joints])
         self._qvel = np.array([int(joint.dofadr[0]) for joint in joints])
@@ -93,13 +94,11 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
 
     def standing_height_m(self, joint_pos_rad: np.ndarray) -> float:
-        """Root height at which the lowest sole point touches z = 0, upright, in a joint pose (J,)."""
+        """Root height at which the first sole point touches the scene, upright at x = y = 0, in a joint pose (J,)."""
         self.place(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), joint_pos_rad)
-        lowest = [
-            (self.data.body(foot).xpos + points @ self.data.body(foot).xmat.reshape(3, 3).T)[:, 2].min()
-            for foot, points in self.robot.sole_points_m.items()
-        ]
-        return -float(min(lowest))
+        feet = [(self.data.body(foot), points) for foot, points in self.robot.sole_points_m.items()]
+        points_w = np.concatenate([foot.xpos + points @ foot.xmat.reshape(3, 3).T for foot, points in feet])
+        return -float((points_w[:, 2] - self.scene.height_at(points_w[:, :2])).min())
 
     def drive(self, command: JointCommand, kp_scale: Scale = 1.0, kd_scale: Scale = 1.0) -> None:
         """Put a command in force: torque = clip(kp (q* - q) + kd (dq* - dq) + tau, limit) at every step from now on."""

@@ -9,12 +9,14 @@ from robot.robot import Robot
 from world.gantry import add_straps
 from world.model import build_spec
 from world.options import SimOptions
+from world.scene import FLAT, Scene, add_boxes
 
 
 def build_plant_model(
     robot: Robot,
     options: SimOptions,
     *,
+    scene: Scene = FLAT,
     sim_model: Path | None = None,
     band: bool = False,
     meshes: Path | None = None,
@@ -22,11 +24,12 @@ def build_plant_model(
     """Compile the robot (or the MJCF `sim_model`) with one PD motor per joint, in joint-table order.
 
     A motor's force is ctrl - kp q - kd dq, clipped at the torque limit of the joint table; kp and kd are in `biasprm`.
+    `scene`: of a `sim_model`, whose ground is its own, the boxes alone.
     `meshes`: a folder with the maker's, to be seen on the robot's own model; physics does not notice them.
     The integrator is Euler, in which actuator forces are explicit: computed from the state at the step's start.
     Raises InputError where the file is missing or does not fit the robot.
     """
-    spec = build_spec(robot, meshes=meshes) if sim_model is None else _read_spec(sim_model, robot)
+    spec = build_spec(robot, scene=scene, meshes=meshes) if sim_model is None else _read_spec(sim_model, robot, scene)
     spec.option.timestep = options.timestep_s
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -51,7 +54,7 @@ def _add_motor(spec: mujoco.MjSpec, joint: str, limit_nm: float) -> None:
     motor.forcelimited, motor.forcerange = True, [-limit_nm, limit_nm]
 
 
-def _read_spec(path: Path, robot: Robot) -> mujoco.MjSpec:
+def _read_spec(path: Path, robot: Robot, scene: Scene) -> mujoco.MjSpec:
     if not path.is_file():
         raise InputError("no such file", where=f"simulation model {path}", expected="an MJCF with the robot's joints")
     try:
@@ -59,9 +62,12 @@ def _read_spec(path: Path, robot: Robot) -> mujoco.MjSpec:
     except ValueError as error:
         raise InputError(f"is no MJCF: {_first_line(error)}", where=f"simulation model {path}") from error
     _check_fit(spec, robot, f"simulation model {path}")
+    if scene.floor_m != 0.0:
+        raise InputError("a floor of another height", where=f"simulation model {path}", got=f"{scene.floor_m} m")
     # The motors are the robot's own; what refers to the file's actuators goes with them.
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(element)
+    add_boxes(spec, scene)
     return spec
 
 

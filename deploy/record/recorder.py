@@ -14,6 +14,8 @@ from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
 from motion.reference import Reference
 from robot.kinematics import Kinematics
+from world.plant import TrueState
+from world.scene import Scene
 
 FALL_HEIGHT_M = 0.3
 NEED_ROOT_POSITION = ("eg_mpbpe_mm", "empbve_mm", "empbae_mm")
@@ -44,12 +46,17 @@ def align_heading(reference: Reference, root_pos_w: np.ndarray, root_quat_wxyz: 
     return Heading(quat, reference.root_pos_w[0] * ground, root_pos_w * ground)
 
 
+def has_fallen(truth: TrueState, scene: Scene) -> bool:
+    """Whether the root is less than 0.3 m above what lies under it."""
+    return bool(truth.root_pos_w[2] - scene.height_at(truth.root_pos_w[:2]) < FALL_HEIGHT_M)
+
+
 @dataclass
 class Performance:
     """One clip as performed: row t is the state after control tick t. heading: how the reference was laid.
 
     known_root: whether the backend knows where the root is; otherwise orientation is the IMU's and position is 0.
-    fallen_at: first row with the root below 0.3 m, or None.
+    fallen_at: first row with the root less than 0.3 m above the reference's scene, or None.
     """
 
     reference: Reference
@@ -80,7 +87,7 @@ class Performance:
         self.root_quat_wxyz.append(truth.root_quat_wxyz)
         self.joint_pos_rad.append(truth.joint_pos_rad)
         self.contact.append(truth.foot_contact)
-        if truth.root_pos_w[2] < FALL_HEIGHT_M:
+        if has_fallen(truth, self.reference.scene):
             self.fallen_at = self.num_steps - 1
 
     def tracks(self, kinematics: Kinematics) -> tuple[Track, Track]:

@@ -20,6 +20,7 @@ from world.options import SimOptions
 from world.plant import Measurement, Plant
 from world.plant_model import build_plant_model
 from world.randomization import Conditions, draw_conditions
+from world.scene import FLAT, Scene
 from world.sensor_noise import add_noise
 
 STEP_TOLERANCE = 1e-6
@@ -43,6 +44,7 @@ class MujocoBackend(ClosesByDamping):
         options: SimOptions,
         *,
         control_period_s: float = 0.02,
+        scene: Scene = FLAT,
         sim_model: Path | None = None,
         band: bool = True,
         meshes: Path | None = None,
@@ -52,7 +54,8 @@ class MujocoBackend(ClosesByDamping):
         self.robot, self.options = robot, options
         self.on_advance: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
         self._sim_model = sim_model
-        self._plant = Plant(robot, build_plant_model(robot, options, sim_model=sim_model, band=band, meshes=meshes))
+        model = build_plant_model(robot, options, scene=scene, sim_model=sim_model, band=band, meshes=meshes)
+        self._plant = Plant(robot, model, scene)
         self._band = Band(self._plant.model, self._plant.data, options.band) if band else None
         self._damping = damping_command(robot.damping_kd)
         self._rng = np.random.default_rng(0) if rng is None else rng
@@ -69,6 +72,11 @@ class MujocoBackend(ClosesByDamping):
     def data(self) -> mujoco.MjData:
         """The present state, for pictures."""
         return self._plant.data
+
+    @property
+    def scene(self) -> Scene:
+        """What the robot stands in."""
+        return self._plant.scene
 
     @property
     def band_attached(self) -> bool:

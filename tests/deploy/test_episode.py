@@ -6,7 +6,7 @@ import pytest
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actors import load_run
-from deploy.episode import Scene, Start, run_episode
+from deploy.episode import EpisodeRig, Start, run_episode
 from hal.open import open_backend
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import ROBOT, SETTINGS, linear_run, write_standing_actor
@@ -15,8 +15,8 @@ from tests.shared_data import SHARED, needs_shared_data
 KINEMATICS = ROBOT.kinematics
 
 
-def scene(backend, clock, actor, **options):
-    return Scene(ROBOT, KINEMATICS, SETTINGS, backend, clock, actor, **options)
+def rig(backend, clock, actor, **options):
+    return EpisodeRig(ROBOT, KINEMATICS, SETTINGS, backend, clock, actor, **options)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def test_reference_start_is_the_first_frame_at_rest_and_the_seed_decides(stand):
             first.append(state)
 
     with open_backend("mujoco", ROBOT, clock, band=False) as backend:
-        stage = scene(backend, clock, stand)
+        stage = rig(backend, clock, stand)
         exact = run_episode(stage, np.random.default_rng(0), observers=[watch])
         results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in (1, 1, 2)]
     np.testing.assert_allclose(first[0].truth.joint_pos_rad, stand.reference.joint_pos_rad[0], atol=1e-12)
@@ -49,12 +49,12 @@ def test_from_the_band_to_standing_again(stand):
     clock = SimulatedClock()
     with open_backend("mujoco", ROBOT, clock) as backend:
         result = run_episode(
-            scene(backend, clock, stand, stand=stand), np.random.default_rng(3), start=Start.STAND, start_noise_rad=0.02
+            rig(backend, clock, stand, stand=stand), np.random.default_rng(3), start=Start.STAND, start_noise_rad=0.02
         )
         assert not backend.band_attached
     assert (result.outcome, result.fell, result.steps) == ("completed", False, 50)
     with pytest.raises(InputError, match="stand actor"):
-        run_episode(scene(backend, clock, stand), np.random.default_rng(3), start=Start.STAND)
+        run_episode(rig(backend, clock, stand), np.random.default_rng(3), start=Start.STAND)
 
 
 def test_a_fall_ends_the_episode_in_both_simulations(tmp_path):
@@ -62,7 +62,7 @@ def test_a_fall_ends_the_episode_in_both_simulations(tmp_path):
     for sim in ("default", "reference"):
         clock = SimulatedClock()
         with open_backend("mujoco", ROBOT, clock, sim=sim, band=False) as backend:
-            stage = scene(backend, clock, limp, report_only=sim == "reference")
+            stage = rig(backend, clock, limp, report_only=sim == "reference")
             result = run_episode(stage, np.random.default_rng(0), start_noise_rad=0.02)
         assert result.fell and result.outcome in ("fell", "tripped")
         assert result.steps < result.num_ticks
@@ -88,7 +88,7 @@ def test_the_released_actor_scores_within_its_reference():
     assert actor.num_ticks == 348
     clock, model = SimulatedClock(), SHARED / "robot" / "g1_23dof_reference.xml"
     with open_backend("mujoco", ROBOT, clock, sim="reference", sim_model=model, band=False) as backend:
-        stage = scene(backend, clock, actor, report_only=True)
+        stage = rig(backend, clock, actor, report_only=True)
         results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in range(1, 13)]
     assert not any(result.fell for result in results)
     assert {result.outcome for result in results} == {"completed"}

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import torch
 
+from core.errors import InputError
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
@@ -35,10 +36,13 @@ def build_environment(
     ``friction_floor``: the least friction with which the clips can be followed; none is drawn below it.
 
     Raises:
-        InputError: a motion of ``settings.start.recovery`` that is none.
+        InputError: a motion of ``settings.start.recovery`` that is none; clips that do not all stand in one scene.
     """
     if isinstance(references, Reference):
         references = {"clip": references}
+    scene, *others = {reference.scene for reference in references.values()}
+    if others:
+        raise InputError("clips of different scenes", got=", ".join(references), expected="one scene for all")
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -49,6 +53,7 @@ def build_environment(
         replace(settings.randomization, friction=(max(low, friction_floor), max(high, friction_floor))),
         physics,
         physics_episodes,
+        scenes=[scene],
         control_period_s=CONTROL_PERIOD_S,
         substeps=settings.simulation.substeps,
         threads=threads,
@@ -58,7 +63,8 @@ def build_environment(
     recovery = None
     if settings.start.recovery.share > 0.0:
         motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
-        recovery = _table(robot, [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions], device)
+        known = [replace(build_reference(motion, robot, CONTROL_PERIOD_S), scene=scene) for motion in motions]
+        recovery = _table(robot, known, device)
     table = _table(robot, [*references.values()], device)
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)

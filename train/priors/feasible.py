@@ -89,7 +89,7 @@ def feasible_motion(
     """
     qpos, qvel, _ = generalized_motion(wanted.reference)
     qpos[:, 2] += gaussian_filter1d(lift_m, LIFT_SMOOTHING_TICKS)
-    plant = Plant(robot, round(wanted.reference.dt_s / SUBSTEP_S), threads)
+    plant = Plant(robot, round(wanted.reference.dt_s / SUBSTEP_S), threads, wanted.reference.scene)
     no_wrench = np.zeros((len(qpos) - 1, len(WRENCH_UNIT)))
     found = _faded(plant, Motion(qpos, qvel, np.hstack([wanted.targets_rad[:-1], no_wrench])), progress)
     if found is None or _leaning_n(found) > HELPER_FORCE_MAX_N:

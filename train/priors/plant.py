@@ -10,6 +10,7 @@ from mujoco.rollout import Rollout
 from core.rotations import quat_conjugate, quat_from_rotvec, quat_mul, quat_to_rotvec
 from robot.robot import Robot
 from world.model import compile_model
+from world.scene import FLAT, Scene
 
 SUBSTEP_S = 0.005
 WRENCH_UNIT = np.array([100.0, 100.0, 100.0, 20.0, 20.0, 20.0])  # N and Nm
@@ -72,12 +73,16 @@ class Plant:
 
     _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 
-    def __init__(self, robot: Robot, substeps: int, threads: int) -> None:
+    def __init__(self, robot: Robot, substeps: int, threads: int, scene: Scene = FLAT) -> None:
         flags = mujoco.mjtDisableBit
-        self._model = compile_model(robot, timestep_s=SUBSTEP_S, actuation="position", strip_visuals=True)
+
+        def compiled() -> mujoco.MjModel:
+            return compile_model(robot, timestep_s=SUBSTEP_S, scene=scene, actuation="position", strip_visuals=True)
+
+        self._model = compiled()
         self._model.opt.disableflags |= flags.mjDSBL_AUTORESET
         # Joints that stick, stops and torque limits have no useful slope.
-        self._smooth = compile_model(robot, timestep_s=SUBSTEP_S, actuation="position", strip_visuals=True)
+        self._smooth = compiled()
         self._smooth.opt.disableflags |= flags.mjDSBL_AUTORESET | flags.mjDSBL_FRICTIONLOSS | flags.mjDSBL_LIMIT
         self._smooth.actuator_forcelimited[:] = 0
         self._substeps = substeps

@@ -16,6 +16,7 @@ from robot.robot import Robot
 from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
 from train.simulation.simulator import PhysicsState
 from world.model import compile_model
+from world.scene import FLAT, Scene
 
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
@@ -44,7 +45,7 @@ def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
 
 
 class MujocoCpuSimulator:
-    """B robots on a flat floor.
+    """B robots, each in a scene.
 
     Args:
         robot: the robot.
@@ -52,6 +53,7 @@ class MujocoCpuSimulator:
         ranges: what differs between environments.
         generator: source of what environments and each step draw.
         episodes: source of what each episode draws.
+        scenes: what the robots stand in, in turn: environment i in scene i modulo their number.
         control_period_s: duration of one :meth:`step`.
         substeps: physics steps per control step.
         threads: worker threads.
@@ -67,6 +69,7 @@ class MujocoCpuSimulator:
         generator: torch.Generator,
         episodes: torch.Generator,
         *,
+        scenes: Sequence[Scene] = (FLAT,),
         control_period_s: float = 0.02,
         substeps: int = 4,
         threads: int = 2,
@@ -78,26 +81,36 @@ class MujocoCpuSimulator:
         self._substeps, self._substep_s = substeps, control_period_s / substeps
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
 
+        boxes = max(len(scene.boxes) for scene in scenes)
+        compiled = [self._compiled(scene.padded(boxes), joint_friction) for scene in scenes]
+        model = compiled[0]
+        self._nominal_model = model
+        self._nominal = nominal_domain(num_envs, robot)
+        self._differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
+        self._drawn = draw_domain(num_envs, robot, ranges, generator)
+        self._models = [copy.copy(compiled[env % len(compiled)]) for env in range(num_envs)]
+        self._rollout = Rollout(nthread=threads)
+        self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
+        self._allocate(model)
+        self.set_randomization(randomization)
+
+    def _compiled(self, scene: Scene, joint_friction: bool) -> mujoco.MjModel:
+        """The nominal robot in a scene. Data of one model serves all: they differ in numbers alone."""
+
         def edit(spec: mujoco.MjSpec) -> None:
             _add_torque_sensors(spec)
             _add_contact_sensors(spec, self._sensed)
 
-        model = compile_model(robot, timestep_s=self._substep_s, actuation="position", strip_visuals=True, edit=edit)
+        model = compile_model(
+            self._robot, timestep_s=self._substep_s, scene=scene, actuation="position", strip_visuals=True, edit=edit
+        )
         # A reset by MuJoCo itself would hide that physics has diverged.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         # Joint friction concerns one joint, a contact one leg: a sparse Jacobian is a tenth faster.
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         if not joint_friction:
             model.dof_frictionloss[:] = 0.0
-        self._nominal_model = model
-        self._nominal = nominal_domain(num_envs, robot)
-        self._differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
-        self._drawn = draw_domain(num_envs, robot, ranges, generator)
-        self._models = [copy.copy(model) for _ in range(num_envs)]
-        self._rollout = Rollout(nthread=threads)
-        self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
-        self._allocate(model)
-        self.set_randomization(randomization)
+        return model
 
     def _allocate(self, model: mujoco.MjModel) -> None:
         envs, steps = self.num_envs, self._substeps
