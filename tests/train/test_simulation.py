@@ -85,6 +85,24 @@ def test_the_torque_is_what_acted_in_the_last_substep():
     assert sim.state().torque_nm[0].numpy() == pytest.approx(limited, rel=1e-3, abs=0.05)
 
 
+def test_a_disturbance_adds_to_the_torque_before_its_limit():
+    """At rest in the default pose a motor gives kp (target - q) and the disturbance, together within its limit."""
+    robot, generators = g1(), (torch.Generator().manual_seed(stream) for stream in range(2))
+    ranges = DomainRanges(kp_scale=(0.9, 1.1), torque_offset=0.5)
+    sim = MujocoCpuSimulator(robot, 8, ranges, *generators, control_period_s=0.005, substeps=1)
+    sim.reset(torch.arange(8), *standing(8))
+    target = torch.tensor(robot.default_pos_rad).float().repeat(8, 1)
+    target[:, 0] += 1.0  # 90 to 110 Nm of 88
+    target[:, 15] += 0.1
+    sim.step(target)
+    offset, torque = sim._torque_offset.numpy(), sim.state().torque_nm.numpy()
+    wanted = robot.kp * sim.domain.kp_scale.numpy() * (target.numpy() - robot.default_pos_rad)
+    limit = robot.torque_limit_nm
+    assert torque == pytest.approx(np.clip(wanted + offset, -limit, limit), abs=1e-3)
+    assert torque[:, 0].max() == pytest.approx(88.0) and torque[:, 0].min() < 80.0
+    assert np.abs(torque[:, 15] - wanted[:, 15]).max() > 5.0
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02, 0.03, 0.04])
 def test_a_target_acts_after_the_delay(delay_s):
     """A jump of one target moves its joint only after the delay: compared with a run in which the jump comes late."""
@@ -230,7 +248,7 @@ def test_each_joint_has_its_own_size_of_torque_noise():
     noises = []
     for _ in range(100):
         sim.step(target)
-        noises.append(sim._control[..., 23 + 6 :].clone())
+        noises.append((sim._control - target[:, None]) * torch.tensor(g1().kp))
     share = torch.stack(noises, dim=1).flatten(1, 2).std(dim=1) / torch.tensor(g1().torque_limit_nm) * 3**0.5 / 0.05
     assert 0.45 < share.min() < 0.6 and 1.4 < share.max() < 1.6
     assert share.std(dim=1).min() > 0.15 and share.mean() == pytest.approx(1.0, abs=0.1)

@@ -1,7 +1,8 @@
 """Batched physics on CPU cores: MuJoCo's threaded rollout with one model per environment.
 
 PD control is MuJoCo's position actuator (force limited to the joint's torque limit); control delay and torque
-disturbance are inputs of each sub-step, so that no Python runs between sub-steps.
+disturbance are in the targets of each sub-step, so that no Python runs between sub-steps. A disturbance τ moves a
+target by τ/kp: it adds to the motor's torque before the limit.
 """
 
 import copy
@@ -19,7 +20,7 @@ from world.model import compile_model
 from world.scene import FLAT, Scene
 
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
-_CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+_CONTROL_SPEC = mujoco.mjtState.mjSTATE_CTRL
 _NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
 
 
@@ -119,11 +120,12 @@ class MujocoCpuSimulator:
         self._state = torch.zeros(envs, size, dtype=torch.float64)
         self._trajectory = torch.zeros(envs, steps, size, dtype=torch.float64)
         self._sensors = torch.zeros(envs, steps, model.nsensordata, dtype=torch.float64)
-        self._control = torch.zeros(envs, steps, self._nu + self._nv, dtype=torch.float64)
+        self._control = torch.zeros(envs, steps, self._nu, dtype=torch.float64)
         reach = -(-round(self._ranges.delay_s[1] / self._substep_s) // steps)
         default = torch.as_tensor(self._robot.default_pos_rad.copy(), dtype=torch.float32)
         self._targets = default.repeat(envs, reach + 1, 1)
         self._lag = torch.zeros(envs, steps, dtype=torch.long)
+        self._kp = torch.as_tensor(self._robot.kp.copy(), dtype=torch.float32)
         self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
         self._torque_noise = torch.zeros(envs, 1, self._robot.num_joints)
@@ -182,8 +184,8 @@ class MujocoCpuSimulator:
         delayed = self._targets.gather(1, self._lag[..., None].expand(-1, -1, joints))
         noise = uniform((self.num_envs, self._substeps, joints), -1.0, 1.0, self.generator)
         disturbance = self._torque_offset[:, None] + noise * self._torque_noise * self._torque_limit
-        self._control[..., : self._nu] = delayed
-        self._control[..., self._nu + 6 :] = disturbance * self.randomization
+        kp = self._kp * self.domain.kp_scale[:, None]
+        self._control[:] = delayed + disturbance * self.randomization / kp
         self._rollout.rollout(
             self._models,
             self._data,
