@@ -131,6 +131,8 @@ def test_a_target_acts_after_the_delay(delay_s):
 def test_domains_differ_and_reach_the_models():
     ranges = DomainRanges(friction=(0.6, 1.1), kp_scale=(0.9, 1.1), mass_scale=(0.9, 1.1), com_xy_m=0.05)
     sim = simulator(ranges, num_envs=64)
+    sim.reset(torch.arange(64), *standing(64))
+    sim.step(torch.tensor(g1().default_pos_rad).float().repeat(64, 1))
     friction = sim.domain.friction
     assert 0.6 <= friction.min() < 0.7 and 1.0 < friction.max() <= 1.1
     model, nominal = sim._models[5], sim._nominal_model
@@ -168,6 +170,28 @@ def test_soles_bear_where_their_points_were_drawn_to():
     assert (sim.domain.sole_scale[:2] == 1.0).all()
 
 
+def test_gains_are_drawn_anew_at_each_reset_and_act():
+    """At rest, 0.1 rad from the target, a motor with kp 100 gives 10 Nm times its episode's scale."""
+    robot = g1()
+    generators = (torch.Generator().manual_seed(stream) for stream in range(2))
+    ranges = DomainRanges(kp_scale=(0.9, 1.1), kd_scale=(0.9, 1.1), nominal_share=0.25)
+    sim = MujocoCpuSimulator(robot, 4, ranges, *generators, control_period_s=0.005, substeps=1)
+    target = torch.tensor(robot.default_pos_rad).float().repeat(4, 1)
+    target[:, 0] += 0.1
+    torques, scales = [], []
+    for env_ids in ([0, 1, 2, 3], [0, 1]):
+        sim.reset(torch.tensor(env_ids), *standing(len(env_ids)))
+        scales.append(torch.cat([sim.domain.kp_scale, sim.domain.kd_scale], dim=1))
+        sim.step(target)
+        torques.append(sim.state().torque_nm[:, 0])
+        assert torques[-1][env_ids].tolist() == pytest.approx((10 * sim.domain.kp_scale[env_ids, 0]).tolist(), rel=1e-4)
+    assert torques[0][0] == pytest.approx(10.0) and torques[1][0] == pytest.approx(10.0)
+    changed = scales[0] != scales[1]
+    assert changed[1].all() and not changed[[0, 2, 3]].any()
+    assert 0.9 <= scales[1].min() < 0.92 and 1.08 < scales[1].max() <= 1.1
+    assert sim._models[1].actuator_biasprm[0, 2] == pytest.approx(-2.0 * float(sim.domain.kd_scale[1, 0]))
+
+
 def test_inertia_may_differ_at_the_ankles_only():
     ranges = DomainRanges(inertia_scale=(0.9, 0.95), inertia_of="ankles")
     scale = simulator(ranges).domain.inertia_scale
@@ -186,7 +210,12 @@ def test_a_delay_in_whole_control_steps_takes_each_with_equal_chance():
 
 def test_scale_zero_is_the_nominal_robot():
     sim = simulator(DomainRanges(friction=(0.6, 1.1), kp_scale=(0.9, 1.1), mass_scale=(0.9, 1.1)), num_envs=2)
+    sim.reset(torch.arange(2), *standing(2))
+    target = torch.tensor(g1().default_pos_rad).float().repeat(2, 1)
+    sim.step(target)
+    assert not np.array_equal(sim._models[1].actuator_gainprm, sim._nominal_model.actuator_gainprm)
     sim.set_randomization(0.0)
+    sim.step(target)
     assert np.array_equal(sim._models[1].body_mass, sim._nominal_model.body_mass)
     assert np.array_equal(sim._models[1].actuator_gainprm, sim._nominal_model.actuator_gainprm)
 

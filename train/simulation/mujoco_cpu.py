@@ -19,6 +19,7 @@ from train.simulation.simulator import PhysicsState
 from world.model import compile_model
 from world.scene import FLAT, Scene
 
+_GAINS = ("kp_scale", "kd_scale")
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL_SPEC = mujoco.mjtState.mjSTATE_CTRL
 _NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
@@ -130,6 +131,7 @@ class MujocoCpuSimulator:
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
         self._torque_noise = torch.zeros(envs, 1, self._robot.num_joints)
         self._fresh = torch.ones(envs, dtype=torch.bool)
+        self._written_gains = torch.ones(envs, 2 * self._nu)
 
     def set_randomization(self, scale: float) -> None:
         """Move the model of every environment that differs to nominal + scale·(drawn − nominal)."""
@@ -159,6 +161,22 @@ class MujocoCpuSimulator:
         self._torque_offset[env_ids] = offset * differs * self._torque_limit
         noise = uniform((count, 1, joints), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise * differs[..., None]
+        for name in _GAINS:
+            drawn = uniform((count, joints), *getattr(ranges, name), self.episodes)
+            getattr(self._drawn, name)[env_ids] = drawn
+            getattr(self.domain, name)[env_ids] = 1.0 + self.randomization * differs * (drawn - 1.0)
+
+    def _write_gains(self) -> None:
+        """Write the episodes' gains into the models that have others."""
+        gains = torch.cat([getattr(self.domain, name) for name in _GAINS], dim=1)
+        nominal = self._nominal_model
+        for env in (gains != self._written_gains).any(dim=1).nonzero()[:, 0].tolist():
+            kp_scale, kd_scale = gains[env].double().numpy().reshape(2, -1)
+            gain, bias = self._models[env].actuator_gainprm, self._models[env].actuator_biasprm
+            gain[:, 0] = nominal.actuator_gainprm[:, 0] * kp_scale
+            bias[:, 1] = nominal.actuator_biasprm[:, 1] * kp_scale
+            bias[:, 2] = nominal.actuator_biasprm[:, 2] * kd_scale
+        self._written_gains = gains
 
     def _draw_delay(self, count: int) -> torch.Tensor:
         """Control delays (count,), seconds: anything in the range, or its whole control steps."""
@@ -186,6 +204,7 @@ class MujocoCpuSimulator:
         disturbance = self._torque_offset[:, None] + noise * self._torque_noise * self._torque_limit
         kp = self._kp * self.domain.kp_scale[:, None]
         self._control[:] = delayed + disturbance * self.randomization / kp
+        self._write_gains()
         self._rollout.rollout(
             self._models,
             self._data,
@@ -223,12 +242,16 @@ class MujocoCpuSimulator:
 
     def robots(self) -> list[torch.Tensor]:
         """See :class:`train.simulation.simulator.Simulator`."""
+        drawn = [getattr(domain, name) for domain in (self._drawn, self.domain) for name in _GAINS]
+        return [*self._own(), *drawn]
+
+    def _own(self) -> list[torch.Tensor]:
         return [getattr(self, name) for name in self._CHECKPOINTED]
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Physics state, queues and draws (the rollout starts its solver cold: no warm start to keep)."""
         return (
-            {name: value.clone() for name, value in zip(self._CHECKPOINTED, self.robots(), strict=True)}
+            {name: value.clone() for name, value in zip(self._CHECKPOINTED, self._own(), strict=True)}
             | {"randomization": torch.tensor(self.randomization, dtype=torch.float64)}
             | {f"drawn.{name}": value.clone() for name, value in vars(self._drawn).items()}
         )
@@ -241,7 +264,7 @@ class MujocoCpuSimulator:
         """Restore what :meth:`state_dict` returned."""
         for name in self._CHECKPOINTED:
             getattr(self, name).copy_(state[name])
-        drawn = Domain(**{key[6:]: value for key, value in state.items() if key.startswith("drawn.")})
+        drawn = Domain(**{key[6:]: value.clone() for key, value in state.items() if key.startswith("drawn.")})
         scale = float(state["randomization"])
         if scale != self.randomization or not drawn.equals(self._drawn):  # to write the models takes long
             self._drawn = drawn
@@ -249,7 +272,7 @@ class MujocoCpuSimulator:
 
 
 def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, robot: Robot, domain: Domain) -> None:
-    """Write the environments' parameters into their models and refresh MuJoCo's derived constants."""
+    """Write the environments' parameters, but for gains, into their models; refresh MuJoCo's derived constants."""
     bodies = np.array([nominal.body(name).id for name in robot.randomized_mass_bodies])
     torso = nominal.body(robot.randomized_com_body).id
     feet = {nominal.body(name).id for name in robot.feet}
@@ -264,9 +287,6 @@ def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, rob
         model.body_ipos[torso] = nominal.body_ipos[torso] + values["com_offset_m"][env]
         model.geom_friction[foot_geoms, 0] = values["friction"][env]
         model.geom_pos[sole, :2] = centre + values["sole_scale"][env][:, None] * from_centre
-        model.actuator_gainprm[:, 0] = nominal.actuator_gainprm[:, 0] * values["kp_scale"][env]
-        model.actuator_biasprm[:, 1] = nominal.actuator_biasprm[:, 1] * values["kp_scale"][env]
-        model.actuator_biasprm[:, 2] = nominal.actuator_biasprm[:, 2] * values["kd_scale"][env]
         mujoco.mj_setConst(model, scratch)
 
 
