@@ -1,6 +1,6 @@
 """Physical parameters that differ between environments (PBHC Table 7)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import torch
@@ -47,6 +47,11 @@ class DomainRanges:
         within(f"{where}.nominal_share", self.nominal_share, 0.0, 1.0)
         for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
+
+    def with_friction_from(self, needed: float) -> "DomainRanges":
+        """The same without friction below ``needed``; the range's end stays."""
+        low, high = self.friction
+        return replace(self, friction=(min(max(low, needed), high), high))
 
 
 @dataclass(frozen=True)

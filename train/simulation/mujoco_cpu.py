@@ -162,7 +162,8 @@ class MujocoCpuSimulator:
         noise = uniform((count, 1, joints), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise * differs[..., None]
         for name in _GAINS:
-            drawn = uniform((count, joints), *getattr(ranges, name), self.episodes)
+            low, high = getattr(ranges, name)
+            drawn = uniform((count, joints), low, high, self.episodes)
             getattr(self._drawn, name)[env_ids] = drawn
             getattr(self.domain, name)[env_ids] = 1.0 + self.randomization * differs * (drawn - 1.0)
 
