@@ -7,15 +7,18 @@ import torch
 
 from tests.train.worlds import g1
 from train.simulation.domain import DomainRanges
+from train.simulation.model import SimulationSettings, training_model
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
 from world.model import compile_model
+from world.scene import FLAT
 
 DEFAULT_Z = 0.78
+USUAL, ONE_STEP = SimulationSettings(), SimulationSettings(substeps=1)
 
 
 def simulator(ranges: DomainRanges | None = None, num_envs: int = 3, seed: int = 0) -> MujocoCpuSimulator:
     generators = (torch.Generator().manual_seed(2 * seed + stream) for stream in range(2))
-    return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), *generators)
+    return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), *generators, settings=USUAL)
 
 
 def standing(count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -89,7 +92,7 @@ def test_a_disturbance_adds_to_the_torque_before_its_limit():
     """At rest in the default pose a motor gives kp (target - q) and the disturbance, together within its limit."""
     robot, generators = g1(), (torch.Generator().manual_seed(stream) for stream in range(2))
     ranges = DomainRanges(kp_scale=(0.9, 1.1), torque_offset=0.5)
-    sim = MujocoCpuSimulator(robot, 8, ranges, *generators, control_period_s=0.005, substeps=1)
+    sim = MujocoCpuSimulator(robot, 8, ranges, *generators, settings=ONE_STEP, control_period_s=0.005)
     sim.reset(torch.arange(8), *standing(8))
     target = torch.tensor(robot.default_pos_rad).float().repeat(8, 1)
     target[:, 0] += 1.0  # 90 to 110 Nm of 88
@@ -175,7 +178,7 @@ def test_gains_are_drawn_anew_at_each_reset_and_act():
     robot = g1()
     generators = (torch.Generator().manual_seed(stream) for stream in range(2))
     ranges = DomainRanges(kp_scale=(0.9, 1.1), kd_scale=(0.9, 1.1), nominal_share=0.25)
-    sim = MujocoCpuSimulator(robot, 4, ranges, *generators, control_period_s=0.005, substeps=1)
+    sim = MujocoCpuSimulator(robot, 4, ranges, *generators, settings=ONE_STEP, control_period_s=0.005)
     target = torch.tensor(robot.default_pos_rad).float().repeat(4, 1)
     target[:, 0] += 0.1
     torques, scales = [], []
@@ -281,3 +284,31 @@ def test_each_joint_has_its_own_size_of_torque_noise():
     share = torch.stack(noises, dim=1).flatten(1, 2).std(dim=1) / torch.tensor(g1().torque_limit_nm) * 3**0.5 / 0.05
     assert 0.45 < share.min() < 0.6 and 1.4 < share.max() < 1.6
     assert share.std(dim=1).min() > 0.15 and share.mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_release_has_its_own_inertia_armature_and_friction():
+    """Beside the robot's own model; what an ankle's axis has to turn is told by MuJoCo's mass matrix."""
+    robot = g1()
+    changed = SimulationSettings(ankle_inertia_kg_m2=5e-3, armature_kg_m2=0.03, joint_friction_nm=0.02)
+    release, own = (
+        training_model(robot, settings, scene=FLAT, timestep_s=0.005, sensed=robot.feet)
+        for settings in (changed, USUAL)
+    )
+    ankles = ["ankle" in release.body(body).name for body in range(release.nbody)]
+    assert sum(ankles) == 4 and (release.body_inertia[ankles] == 5e-3).all()
+    assert np.array_equal(release.body_inertia[~np.array(ankles)], own.body_inertia[~np.array(ankles)])
+    assert release.dof_armature.tolist() == [0.0] * 6 + [0.03] * 23 and own.dof_armature[6:].tolist() == [0.01] * 23
+    assert release.dof_frictionloss.tolist() == [0.0] * 6 + [0.02] * 23 and own.dof_frictionloss[6] == 0.1
+    gained = release.dof_M0 - own.dof_M0
+    for name, count in (("left_shoulder_pitch_joint", 0), ("right_ankle_roll_joint", 1)):
+        link = own.body(name.replace("_joint", "_link"))
+        axis = int(own.joint(name).dofadr[0])
+        more = count * (5e-3 - _about(own, link.id, own.joint(name).axis))
+        assert gained[axis] == pytest.approx(0.02 + more, rel=1e-4)
+
+
+def _about(model: mujoco.MjModel, body: int, axis: np.ndarray) -> float:
+    """A link's inertia about an axis of its own frame through its centre of mass."""
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+    return float((turn.reshape(3, 3).T @ axis) ** 2 @ model.body_inertia[body])

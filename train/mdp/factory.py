@@ -50,10 +50,9 @@ def build_environment(
         physics,
         physics_episodes,
         scenes=[scene],
+        settings=settings.simulation,
         control_period_s=CONTROL_PERIOD_S,
-        substeps=settings.simulation.substeps,
         threads=threads,
-        joint_friction=settings.simulation.joint_friction,
         randomization=settings.randomization_scale.start,
     )
     recovery = None

@@ -15,35 +15,13 @@ from mujoco.rollout import Rollout
 
 from robot.robot import Robot
 from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
+from train.simulation.model import SimulationSettings, training_model
 from train.simulation.simulator import PhysicsState
-from world.model import compile_model
 from world.scene import FLAT, Scene
 
 _GAINS = ("kp_scale", "kd_scale")
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _CONTROL_SPEC = mujoco.mjtState.mjSTATE_CTRL
-_NETFORCE = 3  # the contact sensor's reduction that sums all contacts, in the world frame
-
-
-def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
-    for actuator in spec.actuators:
-        spec.add_sensor(
-            name=f"torque_{actuator.name}",
-            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
-            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
-            objname=actuator.name,
-        )
-
-
-def _add_contact_sensors(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
-    for body in bodies:
-        spec.add_sensor(
-            name=f"contact_{body}",
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            objname=body,
-            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), _NETFORCE, 1],
-        )
 
 
 class MujocoCpuSimulator:
@@ -56,10 +34,9 @@ class MujocoCpuSimulator:
         generator: source of what environments and each step draw.
         episodes: source of what each episode draws.
         scenes: what the robots stand in, in turn: environment i in scene i modulo their number.
+        settings: how finely physics is stepped, and what differs from the robot's description.
         control_period_s: duration of one :meth:`step`.
-        substeps: physics steps per control step.
         threads: worker threads.
-        joint_friction: whether joints keep the friction loss of the description (it costs a third of the speed).
         randomization: start value of :meth:`set_randomization`.
     """
 
@@ -72,19 +49,20 @@ class MujocoCpuSimulator:
         episodes: torch.Generator,
         *,
         scenes: Sequence[Scene] = (FLAT,),
+        settings: SimulationSettings,
         control_period_s: float = 0.02,
-        substeps: int = 4,
         threads: int = 2,
-        joint_friction: bool = True,
         randomization: float = 1.0,
     ) -> None:
         self.num_envs, self.generator, self.episodes = num_envs, generator, episodes
         self._robot, self._ranges = robot, ranges
-        self._substeps, self._substep_s = substeps, control_period_s / substeps
+        self._substeps, self._substep_s = settings.substeps, control_period_s / settings.substeps
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
-
         boxes = max(len(scene.boxes) for scene in scenes)
-        compiled = [self._compiled(scene.padded(boxes), joint_friction) for scene in scenes]
+        compiled = [
+            training_model(robot, settings, scene=scene.padded(boxes), timestep_s=self._substep_s, sensed=self._sensed)
+            for scene in scenes
+        ]
         model = compiled[0]
         self._nominal_model = model
         self._nominal = nominal_domain(num_envs, robot)
@@ -95,24 +73,6 @@ class MujocoCpuSimulator:
         self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
         self._allocate(model)
         self.set_randomization(randomization)
-
-    def _compiled(self, scene: Scene, joint_friction: bool) -> mujoco.MjModel:
-        """The nominal robot in a scene. Data of one model serves all: they differ in numbers alone."""
-
-        def edit(spec: mujoco.MjSpec) -> None:
-            _add_torque_sensors(spec)
-            _add_contact_sensors(spec, self._sensed)
-
-        model = compile_model(
-            self._robot, timestep_s=self._substep_s, scene=scene, actuation="position", strip_visuals=True, edit=edit
-        )
-        # A reset by MuJoCo itself would hide that physics has diverged.
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        # Joint friction concerns one joint, a contact one leg: a sparse Jacobian is a tenth faster.
-        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-        if not joint_friction:
-            model.dof_frictionloss[:] = 0.0
-        return model
 
     def _allocate(self, model: mujoco.MjModel) -> None:
         envs, steps = self.num_envs, self._substeps
