@@ -21,6 +21,13 @@ def simulator(ranges: DomainRanges | None = None, num_envs: int = 3, seed: int =
     return MujocoCpuSimulator(g1(), num_envs, ranges or DomainRanges(), *generators, settings=USUAL)
 
 
+def single_model() -> mujoco.MjModel:
+    """What one robot is stepped with, its solver started cold as in batches."""
+    model = compile_model(g1(), timestep_s=0.005, actuation="position")
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_WARMSTART
+    return model
+
+
 def standing(count: int) -> tuple[torch.Tensor, torch.Tensor]:
     qpos = torch.zeros(count, 30)
     qpos[:, 2], qpos[:, 3] = DEFAULT_Z, 1.0
@@ -33,7 +40,7 @@ def test_steps_equal_single_robot_steps():
     qpos, qvel = standing(3)
     qpos[1, 7] += 0.1
     sim.reset(torch.arange(3), qpos, qvel)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = single_model()
     targets = torch.tensor(robot.default_pos_rad).float().repeat(3, 1)
     targets[2, 3] += 0.2
     for _ in range(5):
@@ -41,9 +48,7 @@ def test_steps_equal_single_robot_steps():
     for env in range(3):
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[env].double(), qvel[env].double(), targets[env].double()
-        for step in range(20):
-            if step % 4 == 0:
-                data.qacc_warmstart[:] = 0.0
+        for _ in range(20):
             mujoco.mj_step(model, data)
         assert sim.state().joint_pos_rad[env].numpy() == pytest.approx(data.qpos[7:], abs=1e-5)
         assert sim.state().root_pos_w[env].numpy() == pytest.approx(data.qpos[:3], abs=1e-5)
@@ -67,7 +72,7 @@ def test_the_torque_is_what_acted_in_the_last_substep():
     sim = simulator(DomainRanges(kp_scale=(1.1, 1.1), kd_scale=(0.9, 0.9), delay_s=one_step), num_envs=1)
     qpos, qvel = standing(1)
     sim.reset(torch.arange(1), qpos, qvel)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = single_model()
     model.actuator_gainprm[:, 0] *= 1.1
     model.actuator_biasprm[:, 1] *= 1.1
     model.actuator_biasprm[:, 2] *= 0.9
@@ -77,9 +82,7 @@ def test_the_torque_is_what_acted_in_the_last_substep():
     sim.step(second)
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[0].double(), qvel[0].double(), first[0].double()
-    for step in range(8):
-        if step % 4 == 0:
-            data.qacc_warmstart[:] = 0.0
+    for _ in range(8):
         pos, vel = data.qpos[7:].copy(), data.qvel[6:].copy()
         mujoco.mj_step(model, data)
     wanted = 1.1 * robot.kp * (first[0].double().numpy() - pos) - 0.9 * robot.kd * vel
@@ -118,15 +121,13 @@ def test_a_target_acts_after_the_delay(delay_s):
     sim.step(default)
     for _ in range(3):
         sim.step(jump)
-    model = compile_model(robot, timestep_s=0.005, actuation="position")
+    model = single_model()
     data = mujoco.MjData(model)
     qpos, _ = standing(1)
     data.qpos[:], data.ctrl[:] = qpos[0].double(), default[0].double()
     for step in range(16):
         if step == 4 + round(delay_s / 0.005):
             data.ctrl[:] = jump[0].double()
-        if step % 4 == 0:
-            data.qacc_warmstart[:] = 0.0
         mujoco.mj_step(model, data)
     assert float(sim.state().joint_pos_rad[0, 15]) == pytest.approx(data.qpos[7 + 15], abs=1e-5)
 
