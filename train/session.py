@@ -3,8 +3,8 @@
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,19 @@ class Setup:
         clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)
         return {clip.name: build_reference(clip.clip, self.robot, CONTROL_PERIOD_S) for clip in clips}
 
+    @cached_property
+    def friction_needed(self) -> float:
+        """The friction without which the ground cannot supply what the clips ask for."""
+        demands = (demand_of(self.robot, reference) for reference in self.references.values())
+        return max(float(friction_needed(demand).max()) for demand in demands)
+
+    @property
+    def followable(self) -> TrainConfig:
+        """The configuration, without friction below what the clips need."""
+        environment = self.config.environment
+        ranges = environment.randomization.with_friction_from(self.friction_needed)
+        return replace(self.config, environment=replace(environment, randomization=ranges))
+
 
 def new_setup(document: dict[str, Any]) -> Setup:
     """Check everything of a new run. InputError for anything unusable."""
@@ -98,7 +111,7 @@ def _stored_clips(config: TrainConfig, run_dir: Path, robot: Robot) -> tuple[Nam
 
 def train(setup: Setup) -> None:
     """Train, export and sum up. NonFiniteError if a number stops being finite."""
-    config = setup.config
+    config = setup.followable
     torch.set_num_threads(config.threads)
     stop, started_s = StopRequest(), time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
@@ -107,7 +120,7 @@ def train(setup: Setup) -> None:
     _begin_folder(setup)
     report = RunReport(setup.run_dir, setup.document, machine_facts(config))
     progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
-    for line in feasibility(setup.robot, reference):
+    for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
         progress.say(line)
     prior = prior_of(
         config, setup.robot, reference,
@@ -174,10 +187,18 @@ def feasibility(robot: Robot, reference: Reference) -> list[str]:
     return lines
 
 
+def friction_floor(setup: Setup) -> list[str]:
+    """A line where friction is not drawn as low as the configuration says."""
+    asked, low = (config.environment.randomization.friction[0] for config in (setup.config, setup.followable))
+    return [f"friction: drawn from {low:.2f} on, not from {asked:.2f}: the clip needs it"] if low > asked else []
+
+
 def environment_of(setup: Setup) -> Environment:
     """The environment that a run trains in, at its beginning."""
-    config = setup.config
-    build = partial(build_environment, config.environment, setup.robot, setup.references, seed=config.seed)
+    config = setup.followable
+    build = partial(
+        build_environment, config.environment, setup.robot, setup.references, seed=config.seed, device=config.device
+    )
     exploration = config.learner.exploration
     if exploration.kind == "gaussian":
         return build(num_envs=config.num_envs, threads=config.threads)

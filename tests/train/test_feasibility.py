@@ -3,10 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from motion.clip import save_clip
 from motion.reference import build_reference
 from tests.train.worlds import g1, swaying_clip
-from train.session import feasibility
+from train.config import compose_document
+from train.session import environment_of, feasibility, friction_floor, new_setup
+from train.simulation.domain import DomainRanges
 
 
 def test_a_clip_that_can_be_done_is_told_in_one_line():
@@ -26,3 +30,25 @@ def test_the_seconds_that_no_robot_can_do_are_named():
     line, warning = feasibility(robot, build_reference(clip, robot))
     assert "the ground cannot supply" in line and " 327" in line  # m g
     assert warning.startswith("warning: no robot can do 1.0 to 2.0 s of the clip on its own") and "--start" in warning
+
+
+def test_friction_is_not_drawn_below_what_the_clip_needs(tmp_path):
+    """A robot that is carried sideways with 1.2 m/s², feet on the ground, needs a friction of 1.2/9.81."""
+    clip = swaying_clip(g1(), 2.0)
+    root = clip.root_pos_w.copy()
+    root[:, 1] += 0.5 * 1.2 * (np.arange(clip.num_frames) / clip.fps) ** 2
+    save_clip(
+        replace(clip, joint_pos_rad=np.tile(g1().default_pos_rad, (len(root), 1)), root_pos_w=root), tmp_path / "a.npz"
+    )
+    words = (f"motion={tmp_path / 'a.npz'}", "train=paper", "num_envs=64", f"run_dir={tmp_path / 'run'}", "threads=1")
+    low = new_setup(compose_document([*words, "environment.randomization.friction=[0.05,0.3]"]))
+    assert low.friction_needed == pytest.approx(1.2 / 9.81, abs=0.01)
+    friction = environment_of(low).simulator.domain.friction
+    assert low.friction_needed <= friction.min() < low.friction_needed + 0.02 and 0.28 < friction.max() <= 0.3
+    assert friction_floor(low) == ["friction: drawn from 0.12 on, not from 0.05: the clip needs it"]
+    high = new_setup(compose_document([*words, "environment.randomization.friction=[0.2,0.3]"]))
+    assert friction_floor(high) == [] and high.followable == high.config
+
+
+def test_friction_ends_where_it_was_told_to():
+    assert DomainRanges(friction=(0.2, 0.3)).with_friction_from(0.8).friction == (0.3, 0.3)

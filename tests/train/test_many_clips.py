@@ -154,12 +154,3 @@ def test_a_state_of_many_clips_goes_on_to_the_same_numbers():
         assert torch.equal(one.observations["actor"], other.observations["actor"])
         assert torch.equal(one.rewards, other.rewards)
     assert first.figures() == second.figures() and len(first.figures()) >= 6
-
-
-def test_friction_is_not_drawn_below_what_the_clips_need():
-    env = build_environment(
-        settings(randomization={"friction": [0.4, 1.0]}), ROBOT, references(),
-        num_envs=64, seed=1, threads=1, friction_floor=0.8,
-    )  # fmt: skip
-    friction = env.simulator.domain.friction
-    assert friction.min() >= 0.8 and 0.95 < friction.max() <= 1.0

@@ -30,11 +30,8 @@ def build_environment(
     seed: int,
     threads: int,
     device: Device = "cpu",
-    friction_floor: float = 0.0,
 ) -> TrackingEnv:
     """An environment of ``num_envs`` robots on one clip, or on several by name. Same arguments, same numbers.
-
-    ``friction_floor``: the least friction with which the clips can be followed; none is drawn below it.
 
     Raises:
         InputError: a motion of ``settings.start.recovery`` that is none; clips that do not all stand in one scene.
@@ -45,18 +42,16 @@ def build_environment(
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
-    low, high = settings.randomization.friction
     simulator = MujocoCpuSimulator(
         robot,
         num_envs,
-        replace(settings.randomization, friction=(max(low, friction_floor), max(high, friction_floor))),
+        settings.randomization,
         physics,
         physics_episodes,
         scenes=[scene],
+        settings=settings.simulation,
         control_period_s=CONTROL_PERIOD_S,
-        substeps=settings.simulation.substeps,
         threads=threads,
-        joint_friction=settings.simulation.joint_friction,
         randomization=settings.randomization_scale.start,
     )
     recovery = _recovery(settings, robot, scene, device) if settings.start.recovery.share > 0.0 else None

@@ -15,6 +15,7 @@ from train.mdp.events import EventTerm
 from train.mdp.rewards import DIRECT, TRACKING
 from train.mdp.terminations import TERMINATIONS
 from train.simulation.domain import DomainRanges
+from train.simulation.model import SimulationSettings
 
 LAYOUTS = ("pbhc", "window")
 CRITIC = (
@@ -154,14 +155,6 @@ class TerminationSettings:
 
 
 @dataclass(frozen=True)
-class SimulationSettings:
-    """Physics steps per control step, and whether joints keep their friction loss."""
-
-    substeps: int = 4
-    joint_friction: bool = True
-
-
-@dataclass(frozen=True)
 class EnvironmentSettings:
     """The environment section of the training configuration.
 
@@ -203,7 +196,6 @@ class EnvironmentSettings:
             raise InputError("no tracking term", where="environment.rewards", expected=TRACKING.names)
         for name, event in self.events.items():
             event.check(f"environment.events.{name}", name)
-        at_least("environment.simulation.substeps", self.simulation.substeps, 1)
         for name in ("error_limit_m", "penalty_scale", "randomization_scale"):
             getattr(self, name).check(f"environment.{name}")
         for name in ("easy", "hard"):

@@ -1,6 +1,6 @@
 """Physical parameters that differ between environments (PBHC Table 7)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import torch
@@ -12,10 +12,10 @@ from train.batch import Batch
 
 @dataclass(frozen=True)
 class DomainRanges:
-    """Ranges of the draws. Scales are factors on the nominal value.
+    """Ranges of the draws. Scales are factors on the nominal value. Gains, torques and delay are drawn per episode.
 
     ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
-    control delay, drawn per episode, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
+    control delay, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
     sliding friction of foot on ground; ``sole_scale`` moves each point of a sole towards the sole's centre, as no two
     contact models agree on where a flat foot bears; ``inertia_of`` names the links whose inertia differs: all that
     masses differ of, or the ankles; ``nominal_share`` of the environments are nominal in all of this.
@@ -47,6 +47,11 @@ class DomainRanges:
         within(f"{where}.nominal_share", self.nominal_share, 0.0, 1.0)
         for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
+
+    def with_friction_from(self, needed: float) -> "DomainRanges":
+        """The same without friction below ``needed``; the range's end stays."""
+        low, high = self.friction
+        return replace(self, friction=(min(max(low, needed), high), high))
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,7 @@ def nominal_domain(num_envs: int, robot: Robot) -> Domain:
 
 
 def draw_domain(num_envs: int, robot: Robot, ranges: DomainRanges, generator: torch.Generator) -> Domain:
-    """Draw the parameters of every environment once."""
+    """Draw the parameters of every environment; its gains are drawn anew at each reset."""
     joints, bodies = robot.num_joints, len(robot.randomized_mass_bodies)
     com = uniform((num_envs, 3), -1.0, 1.0, generator) * torch.tensor(
         [ranges.com_xy_m, ranges.com_xy_m, ranges.com_z_m]

@@ -1,7 +1,8 @@
 """Batched physics on CPU cores: MuJoCo's threaded rollout with one model per environment.
 
 PD control is MuJoCo's position actuator (force limited to the joint's torque limit); control delay and torque
-disturbance are inputs of each sub-step, so that no Python runs between sub-steps.
+disturbance are in the targets of each sub-step, so that no Python runs between sub-steps. A disturbance τ moves a
+target by τ/kp: it adds to the motor's torque before the limit.
 """
 
 import copy
@@ -14,22 +15,13 @@ from mujoco.rollout import Rollout
 
 from robot.robot import Robot
 from train.simulation.domain import Domain, DomainRanges, draw_domain, nominal_domain, uniform
+from train.simulation.model import SimulationSettings, training_model
 from train.simulation.simulator import PhysicsState
-from world.model import add_contact_sensors, compile_model
 from world.scene import FLAT, Scene
 
+_GAINS = ("kp_scale", "kd_scale")
 _STATE_SPEC = mujoco.mjtState.mjSTATE_FULLPHYSICS
-_CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
-
-
-def _add_torque_sensors(spec: mujoco.MjSpec) -> None:
-    for actuator in spec.actuators:
-        spec.add_sensor(
-            name=f"torque_{actuator.name}",
-            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
-            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
-            objname=actuator.name,
-        )
+_CONTROL_SPEC = mujoco.mjtState.mjSTATE_CTRL
 
 
 class MujocoCpuSimulator:
@@ -42,10 +34,9 @@ class MujocoCpuSimulator:
         generator: source of what environments and each step draw.
         episodes: source of what each episode draws.
         scenes: what the robots stand in, in turn: environment i in scene i modulo their number.
+        settings: how finely physics is stepped, and what differs from the robot's description.
         control_period_s: duration of one :meth:`step`.
-        substeps: physics steps per control step.
         threads: worker threads.
-        joint_friction: whether joints keep the friction loss of the description (it costs a third of the speed).
         randomization: start value of :meth:`set_randomization`.
     """
 
@@ -58,19 +49,20 @@ class MujocoCpuSimulator:
         episodes: torch.Generator,
         *,
         scenes: Sequence[Scene] = (FLAT,),
+        settings: SimulationSettings,
         control_period_s: float = 0.02,
-        substeps: int = 4,
         threads: int = 2,
-        joint_friction: bool = True,
         randomization: float = 1.0,
     ) -> None:
         self.num_envs, self.generator, self.episodes = num_envs, generator, episodes
         self._robot, self._ranges = robot, ranges
-        self._substeps, self._substep_s = substeps, control_period_s / substeps
+        self._substeps, self._substep_s = settings.substeps, control_period_s / settings.substeps
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
-
         boxes = max(len(scene.boxes) for scene in scenes)
-        compiled = [self._compiled(scene.padded(boxes), joint_friction) for scene in scenes]
+        compiled = [
+            training_model(robot, settings, scene=scene.padded(boxes), timestep_s=self._substep_s, sensed=self._sensed)
+            for scene in scenes
+        ]
         model = compiled[0]
         self._nominal_model = model
         self._nominal = nominal_domain(num_envs, robot)
@@ -82,24 +74,6 @@ class MujocoCpuSimulator:
         self._allocate(model)
         self.set_randomization(randomization)
 
-    def _compiled(self, scene: Scene, joint_friction: bool) -> mujoco.MjModel:
-        """The nominal robot in a scene. Data of one model serves all: they differ in numbers alone."""
-
-        def edit(spec: mujoco.MjSpec) -> None:
-            _add_torque_sensors(spec)
-            add_contact_sensors(spec, self._sensed)
-
-        model = compile_model(
-            self._robot, timestep_s=self._substep_s, scene=scene, actuation="pd_position", strip_visuals=True, edit=edit
-        )
-        # A reset by MuJoCo itself would hide that physics has diverged.
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        # Joint friction concerns one joint, a contact one leg: a sparse Jacobian is a tenth faster.
-        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-        if not joint_friction:
-            model.dof_frictionloss[:] = 0.0
-        return model
-
     def _allocate(self, model: mujoco.MjModel) -> None:
         envs, steps = self.num_envs, self._substeps
         size = mujoco.mj_stateSize(model, _STATE_SPEC)
@@ -107,15 +81,17 @@ class MujocoCpuSimulator:
         self._state = torch.zeros(envs, size, dtype=torch.float64)
         self._trajectory = torch.zeros(envs, steps, size, dtype=torch.float64)
         self._sensors = torch.zeros(envs, steps, model.nsensordata, dtype=torch.float64)
-        self._control = torch.zeros(envs, steps, self._nu + self._nv, dtype=torch.float64)
+        self._control = torch.zeros(envs, steps, self._nu, dtype=torch.float64)
         reach = -(-round(self._ranges.delay_s[1] / self._substep_s) // steps)
         default = torch.as_tensor(self._robot.default_pos_rad.copy(), dtype=torch.float32)
         self._targets = default.repeat(envs, reach + 1, 1)
         self._lag = torch.zeros(envs, steps, dtype=torch.long)
+        self._kp = torch.as_tensor(self._robot.kp.copy(), dtype=torch.float32)
         self._torque_limit = torch.as_tensor(self._robot.torque_limit_nm.copy(), dtype=torch.float32)
         self._torque_offset = torch.zeros(envs, self._robot.num_joints)
         self._torque_noise = torch.zeros(envs, 1, self._robot.num_joints)
         self._fresh = torch.ones(envs, dtype=torch.bool)
+        self._written_gains = torch.ones(envs, 2 * self._nu)
 
     def set_randomization(self, scale: float) -> None:
         """Move the model of every environment that differs to nominal + scale·(drawn − nominal)."""
@@ -145,6 +121,23 @@ class MujocoCpuSimulator:
         self._torque_offset[env_ids] = offset * differs * self._torque_limit
         noise = uniform((count, 1, joints), *ranges.torque_noise_scale, self.episodes) * ranges.torque_noise
         self._torque_noise[env_ids] = noise * differs[..., None]
+        for name in _GAINS:
+            low, high = getattr(ranges, name)
+            drawn = uniform((count, joints), low, high, self.episodes)
+            getattr(self._drawn, name)[env_ids] = drawn
+            getattr(self.domain, name)[env_ids] = 1.0 + self.randomization * differs * (drawn - 1.0)
+
+    def _write_gains(self) -> None:
+        """Write the episodes' gains into the models that have others."""
+        gains = torch.cat([getattr(self.domain, name) for name in _GAINS], dim=1)
+        nominal = self._nominal_model
+        for env in (gains != self._written_gains).any(dim=1).nonzero()[:, 0].tolist():
+            kp_scale, kd_scale = gains[env].double().numpy().reshape(2, -1)
+            gain, bias = self._models[env].actuator_gainprm, self._models[env].actuator_biasprm
+            gain[:, 0] = nominal.actuator_gainprm[:, 0] * kp_scale
+            bias[:, 1] = nominal.actuator_biasprm[:, 1] * kp_scale
+            bias[:, 2] = nominal.actuator_biasprm[:, 2] * kd_scale
+        self._written_gains = gains
 
     def _draw_delay(self, count: int) -> torch.Tensor:
         """Control delays (count,), seconds: anything in the range, or its whole control steps."""
@@ -170,8 +163,9 @@ class MujocoCpuSimulator:
         delayed = self._targets.gather(1, self._lag[..., None].expand(-1, -1, joints))
         noise = uniform((self.num_envs, self._substeps, joints), -1.0, 1.0, self.generator)
         disturbance = self._torque_offset[:, None] + noise * self._torque_noise * self._torque_limit
-        self._control[..., : self._nu] = delayed
-        self._control[..., self._nu + 6 :] = disturbance * self.randomization
+        kp = self._kp * self.domain.kp_scale[:, None]
+        self._control[:] = delayed + disturbance * self.randomization / kp
+        self._write_gains()
         self._rollout.rollout(
             self._models,
             self._data,
@@ -209,12 +203,16 @@ class MujocoCpuSimulator:
 
     def robots(self) -> list[torch.Tensor]:
         """See :class:`train.simulation.simulator.Simulator`."""
+        drawn = [getattr(domain, name) for domain in (self._drawn, self.domain) for name in _GAINS]
+        return [*self._own(), *drawn]
+
+    def _own(self) -> list[torch.Tensor]:
         return [getattr(self, name) for name in self._CHECKPOINTED]
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Physics state, queues and draws (the rollout starts its solver cold: no warm start to keep)."""
         return (
-            {name: value.clone() for name, value in zip(self._CHECKPOINTED, self.robots(), strict=True)}
+            {name: value.clone() for name, value in zip(self._CHECKPOINTED, self._own(), strict=True)}
             | {"randomization": torch.tensor(self.randomization, dtype=torch.float64)}
             | {f"drawn.{name}": value.clone() for name, value in vars(self._drawn).items()}
         )
@@ -227,7 +225,7 @@ class MujocoCpuSimulator:
         """Restore what :meth:`state_dict` returned."""
         for name in self._CHECKPOINTED:
             getattr(self, name).copy_(state[name])
-        drawn = Domain(**{key[6:]: value for key, value in state.items() if key.startswith("drawn.")})
+        drawn = Domain(**{key[6:]: value.clone() for key, value in state.items() if key.startswith("drawn.")})
         scale = float(state["randomization"])
         if scale != self.randomization or not drawn.equals(self._drawn):  # to write the models takes long
             self._drawn = drawn
@@ -235,7 +233,7 @@ class MujocoCpuSimulator:
 
 
 def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, robot: Robot, domain: Domain) -> None:
-    """Write the environments' parameters into their models and refresh MuJoCo's derived constants."""
+    """Write the environments' parameters, but for gains, into their models; refresh MuJoCo's derived constants."""
     bodies = np.array([nominal.body(name).id for name in robot.randomized_mass_bodies])
     torso = nominal.body(robot.randomized_com_body).id
     feet = {nominal.body(name).id for name in robot.feet}
@@ -250,9 +248,6 @@ def _write_models(models: Sequence[mujoco.MjModel], nominal: mujoco.MjModel, rob
         model.body_ipos[torso] = nominal.body_ipos[torso] + values["com_offset_m"][env]
         model.geom_friction[foot_geoms, 0] = values["friction"][env]
         model.geom_pos[sole, :2] = centre + values["sole_scale"][env][:, None] * from_centre
-        model.actuator_gainprm[:, 0] = nominal.actuator_gainprm[:, 0] * values["kp_scale"][env]
-        model.actuator_biasprm[:, 1] = nominal.actuator_biasprm[:, 1] * values["kp_scale"][env]
-        model.actuator_biasprm[:, 2] = nominal.actuator_biasprm[:, 2] * values["kd_scale"][env]
         mujoco.mj_setConst(model, scratch)
 
 
