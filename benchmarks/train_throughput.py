@@ -50,7 +50,7 @@ try:
         from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
         from train.nan_guard import NanGuard
         from train.priors.build import prior_of
-        from train.progress import Progress
+        from train.progress import TrainingProgress
         from train.runner import Runner
         from train.session import Setup, environment_of, new_setup
 except ModuleNotFoundError as error:
@@ -210,7 +210,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     turns = Turns(Stepping(environment_of(setup), prior, config.seed), watch, config.learner.horizon, seconds)
     setup.run_dir.mkdir(exist_ok=True)
     with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
-        progress = Progress(setup.run_dir, console=nowhere)
+        progress = TrainingProgress(setup.run_dir, console=nowhere)
         budget = Budget(iterations=None, minutes=None)
         hooks = [Reporting(progress, budget), Stopping(budget, turns.is_over)]
         Runner(env, build_learner(config, env, prior), setup.run_dir, {}, hooks).run()

@@ -13,7 +13,7 @@ from policy.action import decode_action
 from policy.actor import Actor
 from policy.history import ObservationHistory
 from policy.observation import sample_terms, spec_dims, window_ticks
-from policy.reference import ReferenceRows, ReferenceWindow, heading_difference_rad, window_at
+from policy.reference import ReferenceMotion, ReferenceWindow, heading_difference_rad, window_at
 from policy.terms import ObservationInput
 from robot.robot import Robot
 
@@ -84,7 +84,7 @@ class PolicyController:
         phase: float,
         lap: Callable[[str], None] | None = None,
         *,
-        reference: ReferenceRows | None = None,
+        reference: ReferenceMotion | None = None,
         tick: int = 0,
         given: Mapping[str, Given] = MappingProxyType({}),
     ) -> PolicyOutput:
@@ -126,7 +126,7 @@ class PolicyController:
             observation=observation,
         )
 
-    def _window(self, base_quat: np.ndarray, reference: ReferenceRows | None, tick: int) -> ReferenceWindow | None:
+    def _window(self, base_quat: np.ndarray, reference: ReferenceMotion | None, tick: int) -> ReferenceWindow | None:
         if not self.window_ticks or reference is None:
             return None
         if self._turn_rad is None:

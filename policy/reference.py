@@ -33,7 +33,7 @@ class ReferenceWindow:
         return [self.ticks.index(tick) for tick in ticks]
 
 
-class ReferenceRows(Protocol):
+class ReferenceMotion(Protocol):
     """A clip at every control tick: row k is the motion at k periods; joints in the robot's order."""
 
     @property
@@ -51,7 +51,7 @@ class ReferenceRows(Protocol):
 
 
 def window_at(
-    rows: ReferenceRows, tick: int, ticks: tuple[int, ...], joints: np.ndarray, turn_rad: float = 0.0
+    rows: ReferenceMotion, tick: int, ticks: tuple[int, ...], joints: np.ndarray, turn_rad: float = 0.0
 ) -> ReferenceWindow:
     """What lies ``ticks`` ahead of ``tick``; beyond the clip's end its last pose, at rest.
 

@@ -22,7 +22,7 @@ from policy.metadata import write_metadata
 from policy.observation import window_ticks
 from policy.spec import ActorSpec, ObservationGroup, motion_info
 from robot.robot import Robot
-from train.learner.networks import Actor
+from train.learner.networks import ActorNetwork
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 
 TOLERANCE = 1e-5
@@ -70,7 +70,7 @@ def code_version() -> str:
     return done.stdout.strip() or "unknown"
 
 
-def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
+def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -> str:
     """Write the actor to ``path``, which appears only when it is proven and complete; return the file's SHA-256.
 
     Raises:
@@ -88,7 +88,7 @@ def export_actor(actor: Actor, spec: ActorSpec, clip: Clip, path: Path) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def to_onnx(actor: Actor, input_name: str) -> bytes:
+def to_onnx(actor: ActorNetwork, input_name: str) -> bytes:
     """The graph as bytes: input (n, Da) of that name, output ``action`` (n, J)."""
     buffer = io.BytesIO()
     example = torch.zeros(1, actor.observation_size)
@@ -102,7 +102,7 @@ def to_onnx(actor: Actor, input_name: str) -> bytes:
     return buffer.getvalue()
 
 
-def verify(actor: Actor, graph: bytes, input_name: str) -> float:
+def verify(actor: ActorNetwork, graph: bytes, input_name: str) -> float:
     """Compare the graph with the actor on random and extreme inputs; return the largest difference.
 
     Raises:

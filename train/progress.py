@@ -37,7 +37,7 @@ def read_rows(path: Path, last_iteration: int) -> list[dict[str, Any]]:
     return rows
 
 
-class Progress:
+class TrainingProgress:
     """Reports one row per iteration.
 
     Args:

@@ -23,7 +23,7 @@ from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
-from train.hooks import Budget, Checkpointing, Evaluation, Reporting, Stopping
+from train.hooks import Budget, Checkpointing, Judging, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
 from train.lineage import Source, begin_from, find_source
@@ -33,9 +33,9 @@ from train.mdp.paired import PairedEnv
 from train.mdp.tracking import CONTROL_PERIOD_S
 from train.nan_guard import replay
 from train.priors.build import prior_of
-from train.progress import TIME_PREFIX, Progress, finite_or_none
+from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
-from train.report.writer import RunReport, story
+from train.report.writer import TrainingReport, story
 from train.runner import Runner
 
 EVALUATION_SEED = 12345
@@ -118,8 +118,10 @@ def train(setup: Setup) -> None:
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     env = environment_of(setup)
     _begin_folder(setup)
-    report = RunReport(setup.run_dir, setup.document, machine_facts(config))
-    progress = Progress(setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh)
+    report = TrainingReport(setup.run_dir, setup.document, machine_facts(config))
+    progress = TrainingProgress(
+        setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh
+    )
     for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
         progress.say(line)
     prior = prior_of(
@@ -130,7 +132,7 @@ def train(setup: Setup) -> None:
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, setup.references, seed=EVALUATION_SEED, threads=config.threads
     )
-    evaluation = Evaluation(evaluator, config.evaluate_every)
+    evaluation = Judging(evaluator, config.evaluate_every)
     budget = Budget(config.iterations, config.minutes)
     hooks = [
         evaluation,
@@ -248,7 +250,7 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
-def _export(setup: Setup, runner: Runner, evaluation: Evaluation, progress: Progress, code: str) -> None:
+def _export(setup: Setup, runner: Runner, evaluation: Judging, progress: TrainingProgress, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {

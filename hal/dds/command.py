@@ -3,7 +3,7 @@
 import numpy as np
 
 from hal.dds.layout import CMD
-from hal.dds.slots import SLOTS, HeldJoint, SlotMap
+from hal.dds.slots import SLOTS, HeldMotor, SlotMap
 from hal.wire.outbox import Kind, Outgoing
 from world.actuation import JointCommand
 
@@ -20,7 +20,7 @@ class CommandFrames:
     limit; while damping they are damped, and the next tracking finds them anew.
     """
 
-    def __init__(self, slots: SlotMap, held: tuple[HeldJoint, ...], speed_rad_s: float, period_s: float) -> None:
+    def __init__(self, slots: SlotMap, held: tuple[HeldMotor, ...], speed_rad_s: float, period_s: float) -> None:
         self._slots = slots
         self._frame = CMD.empty()
         self._motors = self._frame["motor_cmd"]

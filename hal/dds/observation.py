@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hal.dds.slots import DISCONNECTED, SLOT_NAMES, SLOTS, HeldJoint, machine_refusal
+from hal.dds.slots import DISCONNECTED, SLOT_NAMES, SLOTS, HeldMotor, machine_refusal
 from hal.dds.state_reader import Counts
 
 RANGE_MARGIN_RAD = 0.1
 SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
 
 
-def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldJoint]) -> list[str]:
+def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor]) -> list[str]:
     """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival."""
     if counts.bad_checksum:
         share = f"{counts.bad_checksum} of {counts.heard}"
@@ -48,7 +48,7 @@ def _motors(messages: Sequence[np.ndarray]) -> list[str]:
     return [f"missing motors: {', '.join(names)}"] if names else []
 
 
-def _held_ranges(message: np.ndarray, held: Sequence[HeldJoint]) -> list[str]:
+def _held_ranges(message: np.ndarray, held: Sequence[HeldMotor]) -> list[str]:
     """The robot's own joints are judged by whoever commands them."""
     reasons = []
     for joint in held:

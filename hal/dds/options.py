@@ -7,7 +7,7 @@ from pathlib import Path
 from core.config import load_options
 from core.errors import InputError
 from core.structured import one_of, positive, within
-from hal.dds.slots import HeldJoint
+from hal.dds.slots import HeldMotor
 
 SERVICES = ("release", "none")
 
@@ -39,7 +39,7 @@ class DdsOptions:
     motion_service: str
     release_s: float
     held_speed_rad_s: float
-    held: tuple[HeldJoint, ...]
+    held: tuple[HeldMotor, ...]
     emulator: EmulatorOptions
 
     def __post_init__(self) -> None:

@@ -54,7 +54,7 @@ COMMAND_TIMEOUT = 0x40000000
 
 
 @dataclass(frozen=True)
-class HeldJoint:
+class HeldMotor:
     """A motor that is not the actor's: where it is held, with which gains, its gain while damped, and its limits."""
 
     name: str
@@ -80,7 +80,7 @@ class SlotMap:
     robot: (J,) slot of each joint, in the robot's order. held: (H,) slots of the held joints.
     """
 
-    def __init__(self, robot: Robot, held: tuple[HeldJoint, ...]) -> None:
+    def __init__(self, robot: Robot, held: tuple[HeldMotor, ...]) -> None:
         names = (*robot.joint_names, *(joint.name for joint in held))
         where = f"robot {robot.name} on a G1"
         if unknown := [name for name in robot.joint_names if name not in SLOT_NAMES]:

@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 
-from hal.dds.slots import DISCONNECTED, HeldJoint
+from hal.dds.slots import DISCONNECTED, HeldMotor
 from hal.emulator.faults import Faults
 
 OVERCURRENT, RESET = 0x1, 0x4000
@@ -84,7 +84,7 @@ class HeldMotors:
     Commands that are not finite, or whose torque lies beyond the limit, are violations; they are not obeyed.
     """
 
-    def __init__(self, held: tuple[HeldJoint, ...]) -> None:
+    def __init__(self, held: tuple[HeldMotor, ...]) -> None:
         self.names = tuple(joint.name for joint in held)
         self.pos_rad, self.vel_rad_s = np.full(len(held), 0.2), np.zeros(len(held))
         self.violations: list[str] = []

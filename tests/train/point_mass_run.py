@@ -16,7 +16,7 @@ from train.checkpoint import Checkpoints
 from train.config import check, compose_document
 from train.hooks import Budget, Checkpointing, Reporting, Stopping
 from train.learner.build import build_learner
-from train.progress import Progress
+from train.progress import TrainingProgress
 from train.runner import Runner
 
 SMALL = ("learner.actor_hidden=[32,32]", "learner.critic_hidden=[32,32]", "precision=fp32", "threads=1", "num_envs=16")
@@ -37,7 +37,7 @@ def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpo
     run_dir.mkdir(parents=True, exist_ok=True)
     env = env or PointMassEnv()
     state = Checkpoints(run_dir).load_newest() if resume else None
-    progress = Progress(run_dir, state["iteration"] if state else 0, console=io.StringIO())
+    progress = TrainingProgress(run_dir, state["iteration"] if state else 0, console=io.StringIO())
     budget = Budget(iterations, minutes)
     hooks = [
         Reporting(progress, budget),

@@ -13,7 +13,7 @@ from policy.layouts import OLDER_TERMS, pbhc_actor_group
 from policy.spec import ObservationGroup
 from tests.train.worlds import g1, settings, swaying_clip, swaying_reference
 from train.export import to_onnx, verify
-from train.learner.networks import Actor, Mlp
+from train.learner.networks import ActorNetwork, Mlp
 from train.mdp.factory import build_environment
 from train.priors.estimator import ObservedColumns, interpolate
 from train.priors.feedback import _StanceGeometry
@@ -161,7 +161,7 @@ def test_features_are_phase_hats_and_scaled_deviations_and_survive_the_export():
     moved = base.look(observation)[1][0]
     assert (moved - seen)[-23:].tolist() == pytest.approx([0.5] + [0.0] * 22, abs=1e-6)
     mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
+    actor = ActorNetwork(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380
     graph = to_onnx(actor.deployed(), "obs")
     assert verify(actor.deployed(), graph, "obs") <= 1e-5
@@ -223,7 +223,7 @@ def test_the_network_does_not_see_the_earlier_ticks_themselves():
     base = build_prior(PriorSettings(kind="feedforward", features=True), robot,
                              swaying_reference(robot, 0.5), 0.25, older_lags=BLOCKS)  # fmt: skip
     mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base)
+    actor = ActorNetwork(mlp, 23, (0.2, 0.01, 1.0), base)
     assert actor.observation_size == 380 + 5 * 52
     observation = torch.randn(2, actor.observation_size)
     inputs, action = actor.prepare(observation).values()

@@ -11,7 +11,7 @@ import torch
 
 from core.errors import InputError
 from train.checkpoint import Checkpoints, load_state, save_state, snapshot
-from train.progress import Progress, console_line
+from train.progress import TrainingProgress, console_line
 
 
 def test_state_comes_back_as_it_was(tmp_path):
@@ -106,20 +106,20 @@ ROW = {"iteration": 1, "samples": 10, "time/steps_per_s": 5.0, "time/left_s": 36
 
 
 def test_metrics_are_cut_to_the_checkpoint(tmp_path):
-    progress = Progress(tmp_path, console=io.StringIO())
+    progress = TrainingProgress(tmp_path, console=io.StringIO())
     for iteration in range(1, 6):
         progress.report({**ROW, "iteration": iteration})
     progress.close()
     path = tmp_path / "metrics.jsonl"
     path.write_text(path.read_text() + '{"iteration": 6, "sam')  # cut short by a kill
-    progress = Progress(tmp_path, 3, console=io.StringIO())
+    progress = TrainingProgress(tmp_path, 3, console=io.StringIO())
     progress.report({**ROW, "iteration": 4})
     progress.close()
     assert [json.loads(line)["iteration"] for line in path.read_text().splitlines()] == [1, 2, 3, 4]
 
 
 def test_metrics_hold_no_nan(tmp_path):
-    progress = Progress(tmp_path, console=io.StringIO())
+    progress = TrainingProgress(tmp_path, console=io.StringIO())
     progress.report({**ROW, "kl": float("nan"), "time/left_s": float("inf")})
     progress.draw(at_once=True)
     progress.close()

@@ -20,7 +20,7 @@ from policy.terms import ObservationInput
 from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
 from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
-from train.mdp.drivers import Figures
+from train.mdp.drivers import DriverFigures
 from train.mdp.settings import CurriculumSettings
 from train.mdp.tick import ReferenceTable
 from train.nan_guard import NonFiniteError, check_step
@@ -296,15 +296,15 @@ def test_beyond_the_end_a_table_gives_the_last_pose_at_rest():
 
 def test_a_curriculum_moves_by_its_driver_and_stops_at_its_bounds():
     limit = Curriculum(CurriculumSettings(1.5, 2.0, 0.3, 0.1, "episode_length", 42.0, 40.0))
-    limit.update(Figures(length=41.0, survival=0.0))
+    limit.update(DriverFigures(length=41.0, survival=0.0))
     assert limit.value == 1.5
-    limit.update(Figures(length=43.0, survival=0.0))
+    limit.update(DriverFigures(length=43.0, survival=0.0))
     assert limit.value == pytest.approx(1.5 / 1.1)
-    limit.update(Figures(length=39.0, survival=0.0))
-    limit.update(Figures(length=39.0, survival=0.0))
+    limit.update(DriverFigures(length=39.0, survival=0.0))
+    limit.update(DriverFigures(length=39.0, survival=0.0))
     assert limit.value == pytest.approx(1.65)
     for _ in range(100):
-        limit.update(Figures(length=50.0, survival=0.0))
+        limit.update(DriverFigures(length=50.0, survival=0.0))
     assert limit.value == 0.3
 
 

@@ -10,7 +10,7 @@ from policy.actor import load_actor
 from policy.layouts import pbhc_actor_group
 from robot.robot import load_robot
 from train import export
-from train.learner.networks import Actor, Mlp
+from train.learner.networks import ActorNetwork, Mlp
 
 
 class TableBase(torch.nn.Module):
@@ -35,7 +35,7 @@ class TableBase(torch.nn.Module):
 def make_actor(precision="fp32", base=True):
     generator = torch.Generator().manual_seed(1)
     mlp = Mlp(380, (64, 32), 23, activation="silu", generator=generator, precision=precision)
-    return Actor(mlp, 23, (0.5, 0.1, 1.0), TableBase(380, 23, generator) if base else None)
+    return ActorNetwork(mlp, 23, (0.5, 0.1, 1.0), TableBase(380, 23, generator) if base else None)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from motion.library import open_motion
 from motion.reference import build_reference
 from tests.train.worlds import g1, settings
 from train.export import to_onnx, verify
-from train.learner.networks import Actor, Mlp
+from train.learner.networks import ActorNetwork, Mlp
 from train.mdp.factory import build_environment
 from train.priors import fitting
 from train.priors.fitting import fit_estimate, ridge
@@ -85,6 +85,6 @@ def test_it_is_exported_with_the_actor(fitted):
     _, _, _, base, _ = fitted
     assert base.deviation.correction.abs().max() > 0.01
     mlp = Mlp(380 + base.inputs, (16,), 23, activation="silu", generator=torch.Generator().manual_seed(0))
-    actor = Actor(mlp, 23, (0.2, 0.01, 1.0), base).deployed()
+    actor = ActorNetwork(mlp, 23, (0.2, 0.01, 1.0), base).deployed()
     assert verify(actor, to_onnx(actor, "obs"), "obs") <= 1e-5
     assert any("correction" in name for name in actor.state_dict())

@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_are
 from motion.inverse_dynamics import generalized_motion
 from tests.train.worlds import g1, swaying_reference
 from train.priors.horizon import Objective, Policy, Value, backward, follow
-from train.priors.plant import LINEARIZE_EVERY, Motion, Plant, Slopes
+from train.priors.plant import LINEARIZE_EVERY, Motion, PriorPlant, Slopes
 
 NV, COMMANDS = 7, 7  # a root with one joint
 
@@ -102,4 +102,4 @@ def test_whoever_cannot_follow_is_lost():
     command = np.hstack([qpos[:-1, 7:], np.zeros((len(qpos) - 1, 6))])
     wanted = Motion(qpos, qvel, command)
     weights = np.ones(2 * qvel.shape[1]), np.concatenate([np.full(qpos.shape[1] - 7, 10.0), np.full(6, 1e6)])
-    assert follow(Plant(robot, 4, 2), Objective(wanted, *weights), wanted, 4) is None
+    assert follow(PriorPlant(robot, 4, 2), Objective(wanted, *weights), wanted, 4) is None

@@ -15,7 +15,7 @@ from train.interface import StepResult
 from train.learner import gaussian, losses
 from train.learner.antithetic import Antithetic
 from train.learner.gae import advantages_per_head
-from train.learner.networks import Actor, Mlp
+from train.learner.networks import ActorNetwork, Mlp
 from train.learner.rates import Rates
 from train.learner.settings import LearnerSettings
 
@@ -277,7 +277,7 @@ class LinearPrior(torch.nn.Linear):
 def test_mean_is_prior_plus_residual():
     prior = LinearPrior(8, 2).requires_grad_(False)
     mlp = Mlp(9, (8,), 2, activation="elu", generator=generator())
-    actor = Actor(mlp, 2, (0.5, 0.1, 1.0), prior)
+    actor = ActorNetwork(mlp, 2, (0.5, 0.1, 1.0), prior)
     assert actor.observation_size == 8
     obs = torch.randn(5, 8, generator=generator())
     inputs = torch.cat([obs[:, :7], 10.0 * obs[:, 6:]], dim=1)

@@ -6,7 +6,7 @@ import pytest
 
 from robot.robot import Robot
 from tests.train.worlds import g1
-from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant, difference, joined, moved
+from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, PriorPlant, difference, joined, moved
 from world.model import compile_model
 
 SUBSTEPS = 4
@@ -38,7 +38,7 @@ def airborne(robot: Robot, ticks: int, wrench: np.ndarray) -> Motion:
 
 def test_a_tick_is_mujocos(robot):
     made = airborne(robot, 3, np.array([0.5, -0.2, 1.0, 0.1, 0.0, -0.1]))
-    qpos, qvel = Plant(robot, SUBSTEPS, 2).advance(made.qpos[:-1], made.qvel[:-1], made.command)
+    qpos, qvel = PriorPlant(robot, SUBSTEPS, 2).advance(made.qpos[:-1], made.qvel[:-1], made.command)
     assert qpos == pytest.approx(made.qpos[1:], abs=1e-9)
     assert qvel == pytest.approx(made.qvel[1:], abs=1e-8)
 
@@ -57,7 +57,7 @@ def test_slopes_are_mujocos_where_nothing_touches(robot):
         mujoco.mjd_transitionFD(model, data, 1e-6, True, a, b, None, None)
         state, control = a @ state, a @ control + b
         mujoco.mj_step(model, data)
-    slopes = Plant(robot, SUBSTEPS, 2).linearize(made)
+    slopes = PriorPlant(robot, SUBSTEPS, 2).linearize(made)
     assert np.abs(slopes.state[0] - state).max() < 0.02 * np.abs(state).max()
     assert np.abs(slopes.command[0, :, : model.nu] - control).max() < 0.02 * np.abs(control).max()
 
@@ -68,7 +68,7 @@ def test_a_gap_is_what_a_tick_misses_the_next_state_by(robot):
     shift[[1, 4, 9]] = 0.02, -0.1, 0.05
     broken = made.qpos.copy()
     broken[-1] = moved(broken[-1], shift)
-    gap = Plant(robot, SUBSTEPS, 2).linearize(Motion(broken, made.qvel, made.command)).gap
+    gap = PriorPlant(robot, SUBSTEPS, 2).linearize(Motion(broken, made.qvel, made.command)).gap
     assert gap[:-1] == pytest.approx(0.0, abs=1e-5)
     assert gap[-1, : len(shift)] == pytest.approx(-shift, abs=1e-5)
 

@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from train.mdp import rewards
-from train.mdp.tick import Bodies, ReferenceRows, RobotLimits, Tick
+from train.mdp.tick import Bodies, ReferenceRows, RobotLimits, StepOutcome
 from train.simulation.simulator import PhysicsState
 
 POINTS, JOINTS = 4, 3  # points: pelvis, left foot, right foot, head
 
 
-def on_reference() -> Tick:
+def on_reference() -> StepOutcome:
     """One environment that is exactly where its reference is, both feet on the ground."""
     joints, three = torch.zeros(1, JOINTS), torch.zeros(1, POINTS, 3)
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0])
@@ -36,7 +36,7 @@ def on_reference() -> Tick:
         feet=torch.tensor([1, 2]),
     )
     touching = torch.ones(1, 2, dtype=torch.bool)
-    return Tick(
+    return StepOutcome(
         physics=physics,
         bodies=Bodies(three, quats, three, three),
         reference=reference,
@@ -53,13 +53,13 @@ def on_reference() -> Tick:
     )
 
 
-def moved(t: Tick, point: int, offset: tuple[float, float, float]) -> Tick:
+def moved(t: StepOutcome, point: int, offset: tuple[float, float, float]) -> StepOutcome:
     pos = t.bodies.pos_w.clone()
     pos[0, point] += torch.tensor(offset)
     return replace(t, bodies=replace(t.bodies, pos_w=pos))
 
 
-def with_joints(t: Tick, **fields: list[float]) -> Tick:
+def with_joints(t: StepOutcome, **fields: list[float]) -> StepOutcome:
     return replace(t, physics=replace(t.physics, **{name: torch.tensor([value]) for name, value in fields.items()}))
 
 
@@ -73,7 +73,7 @@ def test_no_penalty_on_the_reference(name):
     assert rewards.DIRECT[name](on_reference()).tolist() == [1.0 if name == "contact_mask" else 0.0]
 
 
-def value(term, t: Tick) -> float:
+def value(term, t: StepOutcome) -> float:
     return term(t)[0].item()
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from train.checkpoint import Checkpoints
 from train.hooks.hook import Hook, is_due
-from train.progress import Progress
+from train.progress import TrainingProgress
 
 if TYPE_CHECKING:
     from train.runner import Runner
@@ -16,7 +16,7 @@ CHECKPOINT_INTERVAL_S = 300.0
 class Checkpointing(Hook):
     """Writes checkpoints ``every`` so many iterations, and has ``progress`` refresh the pictures then."""
 
-    def __init__(self, checkpoints: Checkpoints, every: int, progress: Progress) -> None:
+    def __init__(self, checkpoints: Checkpoints, every: int, progress: TrainingProgress) -> None:
         self._checkpoints, self._every, self._progress = checkpoints, every, progress
         self._last_save_s = 0.0
 

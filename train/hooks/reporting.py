@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from train.hooks.hook import Hook
 from train.hooks.stopping import Budget
-from train.progress import Progress
+from train.progress import TrainingProgress
 
 if TYPE_CHECKING:
     from train.runner import Runner
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 class Reporting(Hook):
     """Hands rows to ``progress``. ``time/save_s`` of a row is what was saved since the row before."""
 
-    def __init__(self, progress: Progress, budget: Budget) -> None:
+    def __init__(self, progress: TrainingProgress, budget: Budget) -> None:
         self._progress, self._budget = progress, budget
 
     def after_iteration(self, run: "Runner", row: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from train.learner.antithetic import Antithetic
 from train.learner.exploration import Exploration, ExplorationSettings, Gaussian
 from train.learner.heads import ValueHeads
 from train.learner.losses import WeightedSum
-from train.learner.networks import ActionPrior, Actor, Critic, Mlp
+from train.learner.networks import ActionPrior, ActorNetwork, CriticNetwork, Mlp
 from train.learner.normalizer import normalizer_of
 from train.learner.ppo import Plugs, Ppo
 
@@ -43,23 +43,23 @@ def exploration_of(settings: ExplorationSettings) -> Exploration:
     return Antithetic(settings.steps) if settings.kind == "antithetic" else Gaussian()
 
 
-def _actor(config: TrainConfig, env: Environment, prior: ActionPrior | None) -> Actor:
+def _actor(config: TrainConfig, env: Environment, prior: ActionPrior | None) -> ActorNetwork:
     settings, seen = config.learner, width(env.layout["actor"])
     inputs = seen if prior is None else seen - prior.unseen + prior.inputs
     mlp = _mlp(config)(
         inputs, settings.actor_hidden, env.num_actions,
         generator=_generator(config.seed, "actor"), output_gain=settings.actor_output_gain,
     )  # fmt: skip
-    return Actor(mlp, env.num_actions, (settings.noise_std, *settings.noise_std_range), prior)
+    return ActorNetwork(mlp, env.num_actions, (settings.noise_std, *settings.noise_std_range), prior)
 
 
-def _critic(config: TrainConfig, env: Environment, heads: int, reduce: Reduce) -> Critic:
+def _critic(config: TrainConfig, env: Environment, heads: int, reduce: Reduce) -> CriticNetwork:
     columns = env.layout["critic"]
     normalizer = normalizer_of(columns, reduce)
     inputs, fold = (width(columns), None) if normalizer is None else (normalizer.weight_columns, normalizer.fold)
     generator = _generator(config.seed, "critic")
     mlp = _mlp(config)(inputs, config.learner.critic_hidden, heads, generator=generator, fold=fold)
-    return Critic(mlp, normalizer)
+    return CriticNetwork(mlp, normalizer)
 
 
 def _mlp(config: TrainConfig) -> partial[Mlp]:

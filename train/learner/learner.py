@@ -6,7 +6,7 @@ from typing import Any, Protocol
 from torch import Tensor
 
 from train.interface import StepResult
-from train.learner.networks import Actor
+from train.learner.networks import ActorNetwork
 
 
 class Learner(Protocol):
@@ -19,7 +19,7 @@ class Learner(Protocol):
         """Of the policy that is judged and exported; no copies."""
         ...
 
-    def actor_with(self, weights: Mapping[str, Tensor]) -> Actor:
+    def actor_with(self, weights: Mapping[str, Tensor]) -> ActorNetwork:
         """The actor with such weights, as deployed."""
         ...
 

@@ -99,7 +99,7 @@ class ActionPrior(Protocol):
         ...
 
 
-class Actor(nn.Module):
+class ActorNetwork(nn.Module):
     """Gaussian policy: mean = prior(obs) + residual, one standard deviation per action.
 
     Args:
@@ -143,7 +143,7 @@ class Actor(nn.Module):
         """Mean action (B, J) of obs (B, Da)."""
         return self.mean(**self.prepare(obs))
 
-    def deployed(self) -> "Actor":
+    def deployed(self) -> "ActorNetwork":
         """A copy as it is exported: everything in fp32, no gradients."""
         twin = copy.deepcopy(self).eval().requires_grad_(False)
         twin.mlp.low_precision = False
@@ -176,7 +176,7 @@ class Normalizer(Protocol):
         ...
 
 
-class Critic(nn.Module):
+class CriticNetwork(nn.Module):
     """State values (..., H), one head per group of reward columns."""
 
     def __init__(self, mlp: Mlp, normalizer: Normalizer | None = None) -> None:

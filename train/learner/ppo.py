@@ -16,7 +16,7 @@ from train.learner.gae import advantages_per_head
 from train.learner.gaussian import kl_divergence, log_prob
 from train.learner.heads import ValueHeads
 from train.learner.losses import Prediction, WeightedSum
-from train.learner.networks import Actor, Critic
+from train.learner.networks import ActorNetwork, CriticNetwork
 from train.learner.rates import Rates
 from train.learner.settings import LearnerSettings
 from train.learner.storage import Minibatch, Storage
@@ -48,8 +48,8 @@ class Ppo:
 
     def __init__(
         self,
-        actor: Actor,
-        critic: Critic,
+        actor: ActorNetwork,
+        critic: CriticNetwork,
         settings: LearnerSettings,
         plugs: Plugs,
         *,
@@ -76,7 +76,7 @@ class Ppo:
         """See :class:`train.learner.learner.Learner`."""
         return self.average.weights
 
-    def actor_with(self, weights: Mapping[str, Tensor]) -> Actor:
+    def actor_with(self, weights: Mapping[str, Tensor]) -> ActorNetwork:
         """See :class:`train.learner.learner.Learner`."""
         actor = self.actor.deployed()
         actor.load_state_dict(dict(weights))

@@ -17,7 +17,7 @@ from train.mdp.tick import ReferenceRows, ReferenceTable
 
 
 @dataclass(frozen=True)
-class Start:
+class EpisodeStart:
     """Where n episodes begin: clip, tick, whether it was drawn uniformly (n,), and the reference's rows there."""
 
     clip: torch.Tensor
@@ -59,14 +59,14 @@ class Command:
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
 
-    def draw(self, env_ids: torch.Tensor) -> Start:
+    def draw(self, env_ids: torch.Tensor) -> EpisodeStart:
         """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
         clip = self._clips.draw(env_ids, 1.0 - self.failures.survival())
         tick, uniform = self._starts.draw(clip, self.failures.ahead())
         rows = self.table.rows(clip, tick)
-        return Start(clip, tick, uniform, rows, *self._starts.state(rows, tick == 0))
+        return EpisodeStart(clip, tick, uniform, rows, *self._starts.state(rows, tick == 0))
 
-    def begin(self, state: EnvState, env_ids: torch.Tensor, start: Start) -> None:
+    def begin(self, state: EnvState, env_ids: torch.Tensor, start: EpisodeStart) -> None:
         """Write the episodes that ``env_ids`` (n,) begin into ``state``."""
         state.clip[env_ids], state.tick[env_ids], state.start_tick[env_ids] = start.clip, start.tick, start.tick
         state.uniform_start[env_ids] = start.uniform

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from train.mdp.drivers import DRIVERS, Figures
+from train.mdp.drivers import DRIVERS, DriverFigures
 from train.mdp.settings import CurriculumSettings
 
 AVERAGED_EPISODES = 10_000
@@ -35,7 +35,7 @@ class Curriculum:
         self._settings, self._driver = settings, DRIVERS[settings.driver]
         self.value = settings.start
 
-    def update(self, figures: Figures) -> None:
+    def update(self, figures: DriverFigures) -> None:
         """Move by one step, if the driver asks for it."""
         level = self._driver(figures)
         if level > self._settings.harder_above:

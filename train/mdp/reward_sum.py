@@ -8,7 +8,7 @@ from train.batch import Device
 from train.mdp.adaptive_sigma import AdaptiveSigma
 from train.mdp.rewards import DIRECT, TRACKING
 from train.mdp.settings import RewardTerm
-from train.mdp.tick import Tick
+from train.mdp.tick import StepOutcome
 
 
 class RewardSum:
@@ -43,7 +43,7 @@ class RewardSum:
         self._weight = torch.tensor([term.weight for term in terms.values()], device=device) * dt_s
         self._in_curriculum = torch.tensor([term.curriculum for term in terms.values()], device=device)
 
-    def of(self, t: Tick, penalty_scale: float) -> torch.Tensor:
+    def of(self, t: StepOutcome, penalty_scale: float) -> torch.Tensor:
         """The columns (B, R); σ tightens after they are worked out."""
         values = self._weight.new_empty(len(t.terminated), len(self.names))
         errors = torch.stack([term(t) for term in self._tracking], dim=1)

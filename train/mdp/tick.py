@@ -131,7 +131,7 @@ class RobotLimits:
 
 
 @dataclass(frozen=True)
-class Tick:
+class StepOutcome:
     """One control step of B environments, after physics and before resets.
 
     Attributes:

@@ -14,7 +14,7 @@ from train.mdp.command import Command
 from train.mdp.critic import Critic
 from train.mdp.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage
 from train.mdp.divergence import without_diverged
-from train.mdp.drivers import Figures
+from train.mdp.drivers import DriverFigures
 from train.mdp.events import Events
 from train.mdp.observations import Observations
 from train.mdp.physics import Physics
@@ -22,7 +22,7 @@ from train.mdp.reward_sum import RewardSum
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.state import EnvState
 from train.mdp.terminations import TERMINATIONS
-from train.mdp.tick import RobotLimits, Tick
+from train.mdp.tick import RobotLimits, StepOutcome
 from train.mdp.tracking_log import LengthRatio, tracking_errors
 from train.simulation.simulator import Simulator
 
@@ -140,13 +140,13 @@ class TrackingEnv:
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
 
-    def _after_physics(self, action: torch.Tensor) -> Tick:
+    def _after_physics(self, action: torch.Tensor) -> StepOutcome:
         state = self.state
         physics, self.diverged = without_diverged(self._physics.state(), state.physics)
         bodies = self._physics.bodies(physics)
         contact = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
         landed = contact | state.contact
-        t = Tick(
+        t = StepOutcome(
             physics=physics,
             bodies=bodies,
             reference=state.target,
@@ -166,7 +166,7 @@ class TrackingEnv:
         failed = torch.stack([self.diverged, *(term(t) for term in self._terminations)])
         return replace(t, terminated=failed.any(dim=0))
 
-    def _keep(self, t: Tick) -> None:
+    def _keep(self, t: StepOutcome) -> None:
         """Hand what the next step starts from over to it."""
         state = self.state
         state.last_action = t.action.clone()
@@ -189,7 +189,7 @@ class TrackingEnv:
         command.update(state, failed, ended, self.last_errors["empbpe_mm"])
         self.survival_chance = float(command.failures.survival().mean())
         for curriculum in self.curricula.values():
-            curriculum.update(Figures(self.average.length, self.survival_chance))
+            curriculum.update(DriverFigures(self.average.length, self.survival_chance))
 
     def _log(self) -> dict[str, float]:
         """Of this step, over all environments."""

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import torch
 
-from train.mdp.tick import Tick
+from train.mdp.tick import StepOutcome
 
 EPISODE_MEMORY = 0.01
 
 
-def tracking_errors(t: Tick) -> dict[str, torch.Tensor]:
+def tracking_errors(t: StepOutcome) -> dict[str, torch.Tensor]:
     """Eg-mpbpe and Empbpe in mm and Empjpe in 10⁻³ rad (PBHC D.2), one value (B,) per environment."""
     difference = t.bodies.pos_w - t.reference.body_pos_w
     relative = difference - (t.physics.root_pos_w - t.reference.root_pos_w)[:, None]

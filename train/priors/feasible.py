@@ -19,7 +19,7 @@ from motion.inverse_dynamics import generalized_motion
 from motion.reference import Reference
 from robot.robot import Robot
 from train.priors.horizon import Objective, follow
-from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, Plant
+from train.priors.plant import SUBSTEP_S, WRENCH_UNIT, Motion, PriorPlant
 
 TARGET_COST = 10.0
 # Price of a squared unit of wrench, in the first pass and in the last.
@@ -89,7 +89,7 @@ def feasible_motion(
     """
     qpos, qvel, _ = generalized_motion(wanted.reference)
     qpos[:, 2] += gaussian_filter1d(lift_m, LIFT_SMOOTHING_TICKS)
-    plant = Plant(robot, round(wanted.reference.dt_s / SUBSTEP_S), threads, wanted.reference.scene)
+    plant = PriorPlant(robot, round(wanted.reference.dt_s / SUBSTEP_S), threads, wanted.reference.scene)
     no_wrench = np.zeros((len(qpos) - 1, len(WRENCH_UNIT)))
     found = _faded(plant, Motion(qpos, qvel, np.hstack([wanted.targets_rad[:-1], no_wrench])), progress)
     if found is None or _leaning_n(found) > HELPER_FORCE_MAX_N:
@@ -98,7 +98,7 @@ def feasible_motion(
     return Nominal.of(wanted.reference, found.qpos, found.qvel, found.command[:, : -len(WRENCH_UNIT)])
 
 
-def _faded(plant: Plant, wanted: Motion, progress: Callable[[str], None]) -> Motion | None:
+def _faded(plant: PriorPlant, wanted: Motion, progress: Callable[[str], None]) -> Motion | None:
     """The motion at the highest price of the wrench that was reached; ``None`` where not even the first was."""
     motion, price = None, 0.0
     for horizon, dearer in PACES:
@@ -118,7 +118,7 @@ def _faded(plant: Plant, wanted: Motion, progress: Callable[[str], None]) -> Mot
     return motion
 
 
-def _pass(plant: Plant, objective: Objective, before: Motion | None, horizon: int) -> Motion | None:
+def _pass(plant: PriorPlant, objective: Objective, before: Motion | None, horizon: int) -> Motion | None:
     """Follow the motion before, or the wanted one; ``None`` where that loses the robot or costs more."""
     made = follow(plant, objective, before or objective.wanted, horizon)
     # The wanted motion costs nothing, but nothing makes it: the first pass has none to be measured against.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from train.priors.plant import LINEARIZE_EVERY, Motion, Plant, Slopes, difference, joined
+from train.priors.plant import LINEARIZE_EVERY, Motion, PriorPlant, Slopes, difference, joined
 
 REPLAN_EVERY = 2
 STEP_SIZES = np.array([1.0, 0.7, 0.5, 0.3, 0.15, 0.07, 0.02])
@@ -78,7 +78,7 @@ class Policy:
         return Value(motion.qpos[tick], motion.qvel[tick], self.curvature[tick], self.slope[tick])
 
 
-def follow(plant: Plant, objective: Objective, motion: Motion, horizon: int) -> Motion | None:
+def follow(plant: PriorPlant, objective: Objective, motion: Motion, horizon: int) -> Motion | None:
     """Lead the robot from the motion's first state to its end, at the least cost that plans of ``horizon`` ticks find.
 
     Args:
@@ -105,7 +105,7 @@ def follow(plant: Plant, objective: Objective, motion: Motion, horizon: int) -> 
     return joined(made)
 
 
-def _extended(plant: Plant, plan: Motion, motion: Motion, policy: Policy, tick: int, end: int) -> Motion:
+def _extended(plant: PriorPlant, plan: Motion, motion: Motion, policy: Policy, tick: int, end: int) -> Motion:
     """The plan from ``tick``, led on to ``end`` by the feedback of the whole motion."""
     start = tick + len(plan)
     if start == end:
@@ -116,7 +116,7 @@ def _extended(plant: Plant, plan: Motion, motion: Motion, policy: Policy, tick: 
     return joined([plan, *rest])
 
 
-def _improved(plant: Plant, plan: Motion, objective: Objective, end: Value) -> Motion:
+def _improved(plant: PriorPlant, plan: Motion, objective: Objective, end: Value) -> Motion:
     """One iteration of iLQR; the plan itself where no step is better."""
     policy = backward(plant.linearize(plan), plan, objective, end)
     steps = STEP_SIZES[:, None, None] * policy.correction
@@ -125,7 +125,7 @@ def _improved(plant: Plant, plan: Motion, objective: Objective, end: Value) -> M
 
 
 def _play(
-    plant: Plant, qpos: np.ndarray, qvel: np.ndarray, motion: Motion, feedback: np.ndarray, steps: np.ndarray
+    plant: PriorPlant, qpos: np.ndarray, qvel: np.ndarray, motion: Motion, feedback: np.ndarray, steps: np.ndarray
 ) -> list[Motion]:
     """Play a motion's commands less each of ``steps`` (n, T, J+6), under feedback, from a state."""
     states, rates, commands = [np.repeat(qpos[None], len(steps), 0)], [np.repeat(qvel[None], len(steps), 0)], []

@@ -68,7 +68,7 @@ class Slopes:
     gap: np.ndarray
 
 
-class Plant:
+class PriorPlant:
     """Control periods of the nominal robot, many at a time, with a helping wrench on its root."""
 
     _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)

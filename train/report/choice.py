@@ -19,7 +19,7 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class JudgedActor:
     """One judgement. ``figures`` by name; None: not finite."""
 
     iteration: int
@@ -43,21 +43,21 @@ class Evaluation:
         return FALL_COST * sum(falls) / len(falls) if falls else None
 
 
-def evaluations(rows: Sequence[Mapping[str, Any]], *more: Mapping[str, Any]) -> list[Evaluation]:
+def evaluations(rows: Sequence[Mapping[str, Any]], *more: Mapping[str, Any]) -> list[JudgedActor]:
     """Evaluations in rows of metrics.jsonl, and ``more`` as {"iteration", figure: value}; by iteration, each once."""
-    found: dict[int, Evaluation] = {}
+    found: dict[int, JudgedActor] = {}
     for row in rows:
         figures = {name.removeprefix(PREFIX): value for name, value in row.items() if name.startswith(PREFIX)}
         if figures:
-            found[row["iteration"]] = Evaluation(row["iteration"], figures)
+            found[row["iteration"]] = JudgedActor(row["iteration"], figures)
     for document in more:
         figures = {name: value for name, value in document.items() if name != "iteration"}
         if figures:
-            found.setdefault(document["iteration"], Evaluation(document["iteration"], figures))
+            found.setdefault(document["iteration"], JudgedActor(document["iteration"], figures))
     return [found[iteration] for iteration in sorted(found)]
 
 
-def best(judged: Sequence[Evaluation]) -> Evaluation | None:
+def best(judged: Sequence[JudgedActor]) -> JudgedActor | None:
     """The latest whose score is as good as the lowest."""
     lowest = _lowest(judged)
     if lowest is None:
@@ -65,12 +65,12 @@ def best(judged: Sequence[Evaluation]) -> Evaluation | None:
     return max((one for one in judged if one.score <= lowest.limit), key=lambda one: one.iteration)
 
 
-def _lowest(judged: Sequence[Evaluation]) -> Evaluation | None:
+def _lowest(judged: Sequence[JudgedActor]) -> JudgedActor | None:
     """The lowest finite score, the first of equals: its error is the limit, as in :class:`train.runner.Best`."""
     return min((one for one in judged if math.isfinite(one.score)), key=lambda one: one.score, default=None)
 
 
-def explain(judged: Sequence[Evaluation]) -> str:
+def explain(judged: Sequence[JudgedActor]) -> str:
     """In one or two sentences, why the best one is the best."""
     chosen, lowest = best(judged), _lowest(judged)
     if chosen is None or lowest is None:
@@ -88,7 +88,7 @@ def explain(judged: Sequence[Evaluation]) -> str:
     return said + _against(chosen, _lowest([one for one in judged if one is not chosen]))
 
 
-def _against(chosen: Evaluation, other: Evaluation | None) -> str:
+def _against(chosen: JudgedActor, other: JudgedActor | None) -> str:
     """By how much the other one's score is higher, and for what."""
     if other is None:
         return ""

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from train.report.choice import Evaluation, best
+from train.report.choice import JudgedActor, best
 
 MAX_POINTS = 400
 _REWARD = "reward/"
@@ -77,7 +77,7 @@ PANELS = (
 )  # fmt: skip
 
 
-def draw(rows: Rows, judged: Sequence[Evaluation] = ()) -> list[Drawing]:
+def draw(rows: Rows, judged: Sequence[JudgedActor] = ()) -> list[Drawing]:
     """The panels for which the rows of metrics.jsonl hold something; a line stands at the best evaluation."""
     chosen = best(judged)
     mark = None if chosen is None else chosen.iteration
@@ -102,7 +102,7 @@ def curves(panel: Panel, rows: Rows) -> Iterator[Curve]:
         yield Curve(name.rpartition("/")[2], *thinned(iterations, values))
 
 
-def evaluated(panel: Panel, judged: Sequence[Evaluation]) -> Iterator[Curve]:
+def evaluated(panel: Panel, judged: Sequence[JudgedActor]) -> Iterator[Curve]:
     """The evaluations' figures that belong into a panel; falls are turned into who has not fallen."""
     for name in dict.fromkeys(name for one in judged for name in one.figures):
         if not any(name.endswith(f"_{key}") for key in panel.evaluated):

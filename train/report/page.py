@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import yaml
 
 from train.report import choice
-from train.report.choice import Evaluation
+from train.report.choice import JudgedActor
 from train.report.figures import Drawing, draw
 from train.report.playback import Playback
-from train.report.preset import Difference
-from train.report.record import Record
+from train.report.preset import PresetDifference
+from train.report.record import TrainingRecord
 from train.report.times import time_split, total_s
 from train.report.video import Video
 from view import page as part
@@ -24,7 +24,7 @@ figure { margin: 0 0 1rem; } h3 { margin: .4rem 0 0; font-size: 15px; }
 """
 
 
-def page(record: Record, preset: tuple[str, Sequence[Difference]], film: str) -> str:
+def page(record: TrainingRecord, preset: tuple[str, Sequence[PresetDifference]], film: str) -> str:
     """The whole page. ``film``: the video's section, see :func:`video_section` and :func:`no_video`."""
     title = f"Training of {record.motion}: {record.name}"
     body = "".join(
@@ -60,7 +60,7 @@ def no_video(reason: str) -> str:
     return part.paragraph(f"No video: {reason}")
 
 
-def _head(record: Record) -> str:
+def _head(record: TrainingRecord) -> str:
     last = record.rows[-1] if record.rows else {}
     wall_s = last.get("time/wall_s") or 0.0
     rows = [
@@ -77,7 +77,7 @@ def _head(record: Record) -> str:
     return part.table(rows)
 
 
-def _chosen(record: Record) -> str:
+def _chosen(record: TrainingRecord) -> str:
     judged = record.evaluations
     paragraphs = [choice.explain(judged), choice.RULE] if judged else [choice.explain(judged)]
     exported = record.summary.get("exported_iteration")
@@ -87,7 +87,7 @@ def _chosen(record: Record) -> str:
     return said + (_judgements(judged, choice.best(judged)) if judged else "")
 
 
-def _judgements(judged: Sequence[Evaluation], chosen: Evaluation | None) -> str:
+def _judgements(judged: Sequence[JudgedActor], chosen: JudgedActor | None) -> str:
     names = list(dict.fromkeys(name for one in judged for name in one.figures))
     heads = "".join(f'<th class="number">{html.escape(_words(name))}</th>' for name in names)
     rows = []
@@ -108,7 +108,7 @@ def _drawing(drawing: Drawing) -> str:
     )
 
 
-def _times(record: Record) -> str:
+def _times(record: TrainingRecord) -> str:
     parts = time_split(record.rows)
     total = total_s(parts)
     if not total:
@@ -124,7 +124,7 @@ def _times(record: Record) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def _configuration(record: Record, preset: str, found: Sequence[Difference]) -> str:
+def _configuration(record: TrainingRecord, preset: str, found: Sequence[PresetDifference]) -> str:
     whole = html.escape(yaml.safe_dump(dict(record.document), sort_keys=False, allow_unicode=True))
     details = f"<details><summary>Whole configuration</summary><pre>{whole}</pre></details>"
     if not preset:
@@ -136,7 +136,7 @@ def _configuration(record: Record, preset: str, found: Sequence[Difference]) -> 
     return f"<p>{said}</p>{table}{details}"
 
 
-def _machine(record: Record) -> str:
+def _machine(record: TrainingRecord) -> str:
     if not record.machine:
         return "<p>Not recorded: the run's folder has no summary of it.</p>"
     return part.table(record.machine.items())

@@ -12,7 +12,7 @@ _ABSENT = "absent"
 
 
 @dataclass(frozen=True)
-class Difference:
+class PresetDifference:
     """One key with another value than the preset's; ``absent`` where there is none."""
 
     key: str
@@ -20,13 +20,13 @@ class Difference:
     here: str
 
 
-def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[Difference]]:
+def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[PresetDifference]]:
     """The preset with the fewest differences, and these; ("", []) where no preset can be read.
 
     Configurations do not keep the name of their preset. What the machine decides (precision, threads) is compared with
     what this machine would decide. A preset that cannot be composed is left out.
     """
-    found: list[tuple[str, list[Difference]]] = []
+    found: list[tuple[str, list[PresetDifference]]] = []
     for path in sorted((CONFIG_DIR / "train").glob("*.yaml")):
         try:
             preset = compose_document(["motion=stand", f"train={path.stem}"])
@@ -36,11 +36,11 @@ def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[Difference]]:
     return min(found, key=lambda entry: len(entry[1]), default=("", []))
 
 
-def differences(preset: Mapping[str, Any], document: Mapping[str, Any]) -> list[Difference]:
+def differences(preset: Mapping[str, Any], document: Mapping[str, Any]) -> list[PresetDifference]:
     """Keys with different values in the document's order, the ones it lacks at the end; lists are compared whole."""
     theirs, ours = _flat(preset), _flat(document)
     return [
-        Difference(key, theirs.get(key, _ABSENT), ours.get(key, _ABSENT))
+        PresetDifference(key, theirs.get(key, _ABSENT), ours.get(key, _ABSENT))
         for key in dict.fromkeys([*ours, *theirs])
         if theirs.get(key) != ours.get(key) and key not in _OWN_KEYS
     ]

@@ -12,11 +12,11 @@ import yaml
 from core.errors import InputError
 from train.folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 from train.progress import read_rows
-from train.report.choice import Evaluation, evaluations
+from train.report.choice import JudgedActor, evaluations
 
 
 @dataclass(frozen=True)
-class Record:
+class TrainingRecord:
     """What is known of a run.
 
     Attributes:
@@ -46,13 +46,13 @@ class Record:
         return str(self.summary.get("outcome", "not ended"))
 
     @property
-    def evaluations(self) -> list[Evaluation]:
+    def evaluations(self) -> list[JudgedActor]:
         """All evaluations; the one at a run's end is in the summary only."""
         exported = {"iteration": self.summary.get("exported_iteration"), **self.summary.get("evaluation", {})}
         return evaluations(self.rows, self.summary.get("last_evaluation", {}), exported)
 
 
-def read_record(run_dir: Path) -> Record:
+def read_record(run_dir: Path) -> TrainingRecord:
     """Read a run's folder.
 
     Raises:
@@ -67,7 +67,7 @@ def read_record(run_dir: Path) -> Record:
     summary = _read(run_dir / SUMMARY_FILE) if (run_dir / SUMMARY_FILE).exists() else {}
     if rows and summary.get("iterations") != rows[-1]["iteration"]:
         summary = {}  # of an earlier life of a resumed run
-    return Record(run_dir.name, rows, document, summary, summary.get("machine", {}), find_dumps(run_dir))
+    return TrainingRecord(run_dir.name, rows, document, summary, summary.get("machine", {}), find_dumps(run_dir))
 
 
 def find_dumps(run_dir: Path) -> list[str]:

@@ -15,7 +15,7 @@ from train.report.choice import RULE, explain
 from train.report.page import no_video, page, video_section
 from train.report.playback import play
 from train.report.preset import nearest_preset
-from train.report.record import Record, find_dumps, read_record
+from train.report.record import TrainingRecord, find_dumps, read_record
 from train.report.times import time_split
 from train.report.video import film
 
@@ -25,7 +25,7 @@ NOT_YET = "it is drawn when the run ends"
 _FILM_ERRORS = (ImportError, OSError, RuntimeError, ValueError, mujoco.FatalError)
 
 
-class RunReport:
+class TrainingReport:
     """The report of one run.
 
     Args:
@@ -36,7 +36,7 @@ class RunReport:
 
     def __init__(self, run_dir: Path, document: Mapping[str, Any], machine: Mapping[str, str]) -> None:
         self._run_dir = run_dir
-        self._record = Record(run_dir.name, [], document, machine=machine)
+        self._record = TrainingRecord(run_dir.name, [], document, machine=machine)
         self._preset = nearest_preset(document)
 
     def refresh(self, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -56,20 +56,20 @@ class RunReport:
         self._write(record, _film(self._run_dir, record.document, film_budget_s))
         return self._run_dir / REPORT_FILE
 
-    def _write(self, record: Record, film_section: str) -> None:
+    def _write(self, record: TrainingRecord, film_section: str) -> None:
         write_whole(self._run_dir / REPORT_FILE, page(record, self._preset, film_section).encode())
 
 
 def story(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> dict[str, Any]:
     """What the report says in words, for summary.json: the choice with its reason, and the time split in seconds."""
-    record = Record("", rows, {}, summary)
+    record = TrainingRecord("", rows, {}, summary)
     parts = {part.title: part.seconds for part in time_split(rows)}
     return {"choice": {"why": explain(record.evaluations), "rule": RULE}, TIME_PREFIX + "split_s": parts}
 
 
 def rebuild(run_dir: Path, film_budget_s: float) -> Path:
     """Write the report of any run anew from its folder; return the file. InputError if that is none of a run."""
-    return RunReport(run_dir, read_record(run_dir).document, {}).finish(film_budget_s)
+    return TrainingReport(run_dir, read_record(run_dir).document, {}).finish(film_budget_s)
 
 
 def _film(run_dir: Path, document: Mapping[str, Any], budget_s: float) -> str:

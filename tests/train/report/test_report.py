@@ -20,7 +20,7 @@ from tests.train.worlds import g1, swaying_clip
 from train.report import video
 from train.report.cli import main
 from train.report.record import read_record
-from train.report.writer import RunReport, rebuild
+from train.report.writer import TrainingReport, rebuild
 from train.run import main as train_main
 
 ROOT = Path(__file__).parents[3]
@@ -145,7 +145,7 @@ def test_a_run_that_was_killed_has_a_report_too(copied):
 def test_while_it_runs_the_report_has_everything_but_the_video(copied):
     record = read_record(copied)
     (copied / "report.html").unlink()
-    RunReport(copied, record.document, {"processor": "an <abacus>"}).refresh(record.rows[:2])
+    TrainingReport(copied, record.document, {"processor": "an <abacus>"}).refresh(record.rows[:2])
     said = text(copied)
     assert "not ended after 2 iterations" in said and "it is drawn when the run ends" in said
     assert "Iteration 2: score" in said and "an &lt;abacus&gt;" in said
@@ -159,7 +159,7 @@ def test_a_summary_of_an_earlier_life_is_not_believed(copied):
 
 
 def test_before_the_first_iteration(copied):
-    RunReport(copied, read_record(copied).document, {}).refresh([])
+    TrainingReport(copied, read_record(copied).document, {}).refresh([])
     assert "not ended after 0 iterations" in text(copied) and "No iteration yet" in text(copied)
 
 

@@ -10,9 +10,9 @@ from tests.train.worlds import g1, settings, swaying_reference
 from train.config import compose_document
 from train.mdp import evaluator
 from train.report import figures
-from train.report.choice import Evaluation, best, evaluations, explain
+from train.report.choice import JudgedActor, best, evaluations, explain
 from train.report.figures import PANELS, curves, draw, evaluated, thinned
-from train.report.preset import Difference, differences, nearest_preset
+from train.report.preset import PresetDifference, differences, nearest_preset
 from train.report.times import time_split, total_s
 from train.report.writer import story
 
@@ -36,9 +36,9 @@ def test_the_latest_is_chosen_that_is_as_good_as_the_lowest_but_for_chance():
     assert best(evaluations(ROWS)).iteration == 20
     assert best(evaluations([scored(1, 5.0, 0.0, 0.0), scored(2, 5.0, 0.0, 0.0)])).iteration == 2
     assert best(evaluations([scored(1, None, 1.0, 1.0)])) is None
-    scores = [Evaluation(i, {"score": s, "score_error": e}) for i, s, e in ((1, 60.0, 9), (2, 50.0, 7), (3, 57.0, 9))]
+    scores = [JudgedActor(i, {"score": s, "score_error": e}) for i, s, e in ((1, 60.0, 9), (2, 50.0, 7), (3, 57.0, 9))]
     assert best(scores).iteration == 3  # 57 is not above 50 + 7; its own error does not matter
-    assert best([*scores, Evaluation(4, {"score": 57.5, "score_error": 20.0})]).iteration == 3
+    assert best([*scores, JudgedActor(4, {"score": 57.5, "score_error": 20.0})]).iteration == 3
     assert explain(scores) == (
         "Iteration 3: score 57.0, the latest that is as good as the lowest of 3 (50.0, by chance ±7.0). "
         "Next to it iteration 2: -7.0."
@@ -65,7 +65,7 @@ def test_the_reason_splits_the_lead_into_falls_and_errors():
     )
     assert explain(evaluations(ROWS[:1])) == "Iteration 10: score 540.0, the only evaluation."
     assert explain([]) == "No evaluation yet: the last weights are what there is."
-    assert explain([Evaluation(1, {"score": 2.0}), Evaluation(2, {"score": 3.5})]) == (
+    assert explain([JudgedActor(1, {"score": 2.0}), JudgedActor(2, {"score": 3.5})]) == (
         "Iteration 1: score 2.0, the lowest of 2. Next to it iteration 2: +1.5."
     )
 
@@ -81,7 +81,7 @@ def test_the_rule_is_the_evaluators(monkeypatch):
     monkeypatch.setattr(evaluator, "_play", lambda *_: next(played))
     robot = g1()
     judge = evaluator.NoisyStartEvaluator(settings(), robot, {"sway": swaying_reference(robot, 0.2)}, seed=1, threads=1)
-    one = Evaluation(1, judge.evaluate(lambda observations: observations))
+    one = JudgedActor(1, judge.evaluate(lambda observations: observations))
     # The mean over both of Empbpe + Eg-mpbpe / 10 + 1000 * falls, as the rule says.
     assert one.score == pytest.approx(((10 + 2) + (30 + 5 + 250)) / 2)
     assert one.fall_cost == pytest.approx(125.0)
@@ -119,9 +119,9 @@ def test_differences_name_changed_added_and_missing_keys():
     preset = {"motion": "a", "seed": 1, "learner": {"clip": 0.2, "sizes": [1, 2]}, "noise": {}}
     document = {"motion": "b", "seed": 1, "learner": {"clip": 0.1, "sizes": [1, 2], "new": None}}
     assert differences(preset, document) == [
-        Difference("learner.clip", "0.2", "0.1"),
-        Difference("learner.new", "absent", "null"),
-        Difference("noise", "{}", "absent"),
+        PresetDifference("learner.clip", "0.2", "0.1"),
+        PresetDifference("learner.new", "absent", "null"),
+        PresetDifference("noise", "{}", "absent"),
     ]
 
 
@@ -132,7 +132,10 @@ def test_the_nearest_preset_is_found_with_what_was_overridden():
     assert {"seed", "environment.start.first_frame"} <= {one.key for one in found} <= {
         "seed", "environment.start.first_frame", "threads",
     }  # fmt: skip
-    assert Difference("seed", "1", "7") in found and Difference("environment.start.first_frame", "0", "0.25") in found
+    assert (
+        PresetDifference("seed", "1", "7") in found
+        and PresetDifference("environment.start.first_frame", "0", "0.25") in found
+    )
 
 
 def panel(title):
@@ -159,7 +162,7 @@ def test_errors_are_in_millimetres_and_never_reward_alone():
     assert sigma.values.tolist() == [1.0, 0.25]
     (reward,) = curves(panel("Reward"), rows[:1])
     assert reward.values.tolist() == [0.75]
-    dots = evaluated(panel("Body position error"), [Evaluation(4, {"nominal_empbpe_mm": 7.0, "score": 9.0})])
+    dots = evaluated(panel("Body position error"), [JudgedActor(4, {"nominal_empbpe_mm": 7.0, "score": 9.0})])
     assert [(one.label, one.values.tolist(), one.dots) for one in dots] == [("nominal_empbpe_mm", [7.0], True)]
 
 
