@@ -71,7 +71,7 @@ class Simulator(Protocol):
         ...
 
     def robots(self) -> list[torch.Tensor]:
-        """Tensors (B, ...) of what each robot has of its own, but for what :attr:`domain` says; no copies."""
+        """Tensors (B, ...) of what each robot has now, but for what is drawn once for all episodes; no copies."""
         ...
 
     def state_dict(self) -> dict[str, torch.Tensor]:
