@@ -57,12 +57,8 @@ def open_backend(
     InputError on an unknown name or an unusable option.
     """
     if name in WIRES:
-        factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **(endpoints or {})})
-        timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
-        times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
-        if emulator is not None:
-            return EmulatedWireBackend(name, robot, clock, factory, emulator, **times)
-        return WireBackend(name, robot, clock, factory, **times)
+        wire = (config, endpoints or {}, emulator)
+        return _open_wire(name, robot, clock, *wire, control_period_s=control_period_s)
     if name == "mock":
         if sim_model is not None:
             raise InputError("a simulation model", where="backend mock", got=sim_model, expected="--backend mujoco")
@@ -73,17 +69,28 @@ def open_backend(
             raise InputError("a hal configuration", where="backend mujoco", got=config, hint="it is configured by sim")
         sim_options = sim if isinstance(sim, SimOptions) else load_sim_options(sim)
         return MujocoBackend(
-            robot,
-            clock,
-            sim_options,
-            control_period_s=control_period_s,
-            scene=scene,
-            sim_model=sim_model,
-            gantry=gantry,
-            meshes=meshes,
-            rng=rng,
-        )
+            robot, clock, sim_options, control_period_s=control_period_s, scene=scene, sim_model=sim_model,
+            gantry=gantry, meshes=meshes, rng=rng,
+        )  # fmt: skip
     raise InputError("unknown backend", got=name, expected=f"one of {', '.join(BACKENDS)}")
+
+
+def _open_wire(
+    name: str,
+    robot: Robot,
+    clock: Clock,
+    config: str | Path | None,
+    endpoints: Mapping[str, str],
+    emulator: Emulator | None,
+    *,
+    control_period_s: float,
+) -> Backend:
+    factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **endpoints})
+    timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
+    times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
+    if emulator is not None:
+        return EmulatedWireBackend(name, robot, clock, factory, emulator, **times)
+    return WireBackend(name, robot, clock, factory, **times)
 
 
 def wire_config(name: str, config: str | Path | None = None) -> Path:

@@ -94,26 +94,32 @@ class PolicyController:
         clip, for an actor that looks ahead, and the ``tick`` of it that is now; its heading becomes the robot's at the
         first call after ``reset``. ``given``: commands and maps by name.
         """
-        spec = self.actor.spec
         base_quat = np.asarray(base_quat_wxyz, np.float64)
-        state = ObservationInput(
-            base_quat_wxyz=base_quat,
-            base_ang_vel_b=np.asarray(base_ang_vel_b, np.float64),
-            joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
-            joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
-            last_action=self._last_action,
-            phase=np.array([phase], np.float64),
-            default_pos_rad=spec.default_pos_rad,
-            reference=self._window(base_quat, reference, tick),
-            given=self._given(given),
+        samples = self._samples(
+            ObservationInput(
+                base_quat_wxyz=base_quat,
+                base_ang_vel_b=np.asarray(base_ang_vel_b, np.float64),
+                joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
+                joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
+                last_action=self._last_action,
+                phase=np.array([phase], np.float64),
+                default_pos_rad=self.actor.spec.default_pos_rad,
+                reference=self._window(base_quat, reference, tick),
+                given=self._given(given),
+            )
         )
-        samples = {name: sample_terms(history.terms, state) for name, history in self._histories.items()}
+        return self._infer(samples, lap or _no_lap)
+
+    def _samples(self, state: ObservationInput) -> dict[str, np.ndarray]:
+        return {name: sample_terms(history.terms, state) for name, history in self._histories.items()}
+
+    def _infer(self, samples: Mapping[str, np.ndarray], lap: Callable[[str], None]) -> PolicyOutput:
+        """Observe and ask the graph."""
+        spec = self.actor.spec
         observation = {name: self._histories[name].push(sample) for name, sample in samples.items()}
-        if lap is not None:
-            lap("observe")
+        lap("observe")
         action, self._state = self.actor.infer(observation, self._state)
-        if lap is not None:
-            lap("infer")
+        lap("infer")
         if not all(np.isfinite(sample).all() for sample in samples.values()):
             action = np.full_like(action, np.nan)
         self._last_action = action.astype(np.float64)
@@ -154,3 +160,7 @@ class PolicyController:
         ordered = np.concatenate([moved, held]).astype(moved.dtype)[self._to_robot]
         ordered.setflags(write=False)
         return ordered
+
+
+def _no_lap(phase: str) -> None:
+    """Nobody times the parts."""

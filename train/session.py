@@ -23,9 +23,10 @@ from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
 from train.export import actor_spec, code_version, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
-from train.hooks import Budget, Checkpointing, Judging, Reporting, Stopping
+from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
+from train.learner.ppo import Ppo
 from train.lineage import Source, begin_from, find_source
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
@@ -115,24 +116,16 @@ def train(setup: Setup) -> None:
     torch.set_num_threads(config.threads)
     stop, started_s = StopRequest(), time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
-    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     env = environment_of(setup)
     _begin_folder(setup)
     report = TrainingReport(setup.run_dir, setup.document, machine_facts(config))
-    progress = TrainingProgress(
-        setup.run_dir, 0 if setup.state is None else setup.state["iteration"], refresh=report.refresh
-    )
-    for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
-        progress.say(line)
-    prior = prior_of(
-        config, setup.robot, reference,
-        fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
-    )  # fmt: skip
-    learner = build_learner(config, env, prior)
+    begun_at = 0 if setup.state is None else setup.state["iteration"]
+    progress = TrainingProgress(setup.run_dir, begun_at, refresh=report.refresh)
+    learner = _learner_of(setup, env, progress)
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, setup.references, seed=EVALUATION_SEED, threads=config.threads
     )
-    evaluation = Judging(evaluator, config.evaluate_every)
+    evaluation = EvaluationHook(evaluator, config.evaluate_every)
     budget = Budget(config.iterations, config.minutes)
     hooks = [
         evaluation,
@@ -152,6 +145,18 @@ def train(setup: Setup) -> None:
         progress.say(f"report {report.finish()}")
     finally:
         progress.close()
+
+
+def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> Ppo:
+    """The learner with its prior; before it is made, what the ground can give of the clip is told."""
+    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
+    for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
+        progress.say(line)
+    prior = prior_of(
+        setup.followable, setup.robot, reference,
+        fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
+    )  # fmt: skip
+    return build_learner(setup.followable, env, prior)
 
 
 def replay_dump(path: Path) -> str:
@@ -250,7 +255,7 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
-def _export(setup: Setup, runner: Runner, evaluation: Judging, progress: TrainingProgress, code: str) -> None:
+def _export(setup: Setup, runner: Runner, evaluation: EvaluationHook, progress: TrainingProgress, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {

@@ -63,13 +63,15 @@ def test_no_folder_for_odds_and_ends() -> None:
 
 
 def test_files_and_functions_stay_small() -> None:
+    """Product code; tests and benchmarks, which list cases, may be longer. A codec is one file per maker's protocol."""
     large = []
     for path in CODE:
-        text = path.read_text(encoding="utf-8")
-        if text.count("\n") > 400:
+        room, text = path.relative_to(ROOT).parts[0], path.read_text(encoding="utf-8")
+        most_lines, most_of_a_function = (300, 40) if room in ROOMS else (400, 60)
+        if text.count("\n") > most_lines and "codecs" not in path.parts:
             large.append(f"{path.relative_to(ROOT)}: {text.count(chr(10))} lines")
         for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef) and node.end_lineno - node.lineno + 1 > 60:
+            if isinstance(node, ast.FunctionDef) and node.end_lineno - node.lineno + 1 > most_of_a_function:
                 large.append(f"{path.relative_to(ROOT)}: {node.name} is {node.end_lineno - node.lineno + 1} lines")
     assert large == []
 

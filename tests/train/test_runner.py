@@ -15,7 +15,7 @@ import torch
 from tests.train.point_mass import PointMassEnv
 from tests.train.point_mass_run import make_runner
 from train.checkpoint import Checkpoints, load_state
-from train.hooks import Hook, Judging
+from train.hooks import EvaluationHook, Hook
 from train.nan_guard import NonFiniteError, replay
 
 REPOSITORY = Path(__file__).parents[2]
@@ -116,7 +116,7 @@ class ScriptedEvaluator:
 
 def judged(run_dir, iterations, *scores, error=0.0, **options):
     """A finished run that was judged every second iteration, and who judged it."""
-    evaluation = Judging(ScriptedEvaluator(scores, error), every=2)
+    evaluation = EvaluationHook(ScriptedEvaluator(scores, error), every=2)
     runner = make_runner(run_dir, iterations, first=[evaluation], **options)
     runner.run()
     return runner, evaluation

@@ -39,7 +39,7 @@ class Best:
         return Best(lowest, limit, iteration, dict(figures), weights())
 
 
-class Judging(Hook):
+class EvaluationHook(Hook):
     """See the module. ``every``: iterations from one to the next; None: only at the end."""
 
     def __init__(self, evaluator: Evaluator, every: int | None) -> None:

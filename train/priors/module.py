@@ -135,10 +135,7 @@ def build_prior(
     if s.aim == "feasible":
         nominal = _feasible(robot, nominal, threads, stored, progress)
     joints = robot.num_joints
-    gains = np.zeros((2, joints, 6 + 3 * joints))
-    if s.kind == "lqr":
-        gains = feedback_gains(model, robot, nominal.reference, nominal.targets_rad, s.costs, s.knot_ticks)
-        gains = _at_even_phases(gains, reference, s.knot_ticks)
+    gains = _gains(s, model, robot, nominal, reference)
     raw = (nominal.targets_rad - robot.default_pos_rad) / action_scale
     layout = ObservedColumns.of(robot, group)
     last_raw = np.vstack([raw[:1], raw[:-1]])
@@ -149,12 +146,18 @@ def build_prior(
     gains[..., -joints:] *= action_scale
     # A clip may end between two ticks, the tables end with the last tick.
     stretch = reference.duration_s / (reference.num_ticks * reference.dt_s)
-    features = None
-    if s.features:
-        features = NominalFeatures(deviation, num_knots(reference.duration_s))
+    features = NominalFeatures(deviation, num_knots(reference.duration_s)) if s.features else None
     return ModelPrior(
         deviation, layout.phase, raw, gains / action_scale, s.feedback_clip_rad / action_scale, stretch, features
     )
+
+
+def _gains(s: PriorSettings, model: mujoco.MjModel, robot: Robot, nominal: Nominal, reference: Reference) -> np.ndarray:
+    """(knots, J, 6+3J) of the feedback at even phases; zero without one."""
+    if s.kind != "lqr":
+        return np.zeros((2, robot.num_joints, 6 + 3 * robot.num_joints))
+    gains = feedback_gains(model, robot, nominal.reference, nominal.targets_rad, s.costs, s.knot_ticks)
+    return _at_even_phases(gains, reference, s.knot_ticks)
 
 
 def _feasible(
