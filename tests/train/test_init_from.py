@@ -8,7 +8,7 @@ import torch
 
 from core.errors import InputError
 from policy.actor import load_actor, resolve_actor
-from policy.observation import pbhc_actor_group
+from policy.layouts import pbhc_actor_group
 from robot.robot import load_robot
 from tests.train.point_mass import PointMassEnv
 from tests.train.point_mass_run import make_learner, make_runner
@@ -105,7 +105,7 @@ def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, monkeypatch):
     assert main([*short, *more, f"run_dir={second}"]) == 0
     actors = [load_actor(run / "actor.onnx", load_robot()) for run in (first, second)]
     seen = {"actor_obs": torch.linspace(-1.0, 1.0, 380).numpy()}
-    assert actors[0].infer(seen).tolist() == actors[1].infer(seen).tolist()
+    assert actors[0].infer(seen).action.tolist() == actors[1].infer(seen).action.tolist()
     lineage = actors[1].spec.provenance["lineage"]
     assert lineage["sha256"] == actors[0].sha256 and lineage["iteration"] == 1
     assert json.loads((second / "summary.json").read_text())["lineage"] == lineage

@@ -17,6 +17,7 @@ from tests.hal.rigs import SimulatedClock, hold, run, sim_options
 from tests.train.worlds import g1, settings, swaying_clip
 from train.mdp.factory import build_environment
 from train.simulation.domain import DomainRanges
+from train.simulation.model import SimulationSettings
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
 from world.scene import FLAT, Box, Scene
 
@@ -49,7 +50,7 @@ def assert_on_the_boxes(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 def simulator(scenes: list[Scene], num_envs: int) -> MujocoCpuSimulator:
     generators = (torch.Generator().manual_seed(stream) for stream in range(2))
-    return MujocoCpuSimulator(g1(), num_envs, DomainRanges(), *generators, scenes=scenes)
+    return MujocoCpuSimulator(g1(), num_envs, DomainRanges(), *generators, scenes=scenes, settings=SimulationSettings())
 
 
 def test_feet_stand_on_the_boxes_in_training(start):
@@ -66,7 +67,7 @@ def test_feet_stand_on_the_boxes_in_training(start):
 
 
 def test_feet_stand_on_the_boxes_in_the_simulated_backend(start):
-    with MujocoBackend(g1(), SimulatedClock(), sim_options(), scene=BOXES, band=False) as backend:
+    with MujocoBackend(g1(), SimulatedClock(), sim_options(), scene=BOXES, gantry=False) as backend:
         backend.reset_to(start[:3], start[3:7], start[7:])
         assert run(backend, hold(g1()), TICKS * 0.02).truth.foot_contact.all()
         assert_on_the_boxes(backend.model, backend.data)
