@@ -178,9 +178,9 @@ def test_slow_inference_trips_on_the_loop_s_clock(tmp_path):
     rig = Rig(tmp_path)
     infer = rig.machine._stand._controller.act
 
-    def slow(*arguments):
+    def slow(*arguments, **named):
         rig.clock.sleep_until(rig.clock.now_s() + 0.03)
-        return infer(*arguments)
+        return infer(*arguments, **named)
 
     rig.machine._stand._controller.act = slow
     rig.loop.run()
