@@ -1,4 +1,4 @@
-"""Reward terms of PBHC Table 6, one pure function each: ``Tick`` → (B,). A preset lists them with weights.
+"""Reward terms of PBHC Table 6, one pure function each: ``StepOutcome`` → (B,). A preset lists them with weights.
 
 ``TRACKING`` terms return an error e that is rewarded by exp(−e/σ); ``DIRECT`` terms return the value that their
 weight multiplies. "Mean square" is over points and components.
