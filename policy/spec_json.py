@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from core.config import read_json
 from core.errors import InputError
 from policy.inputs import CommandSpec, HeldJoint, MapSpec
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm, check_schema
@@ -30,10 +31,7 @@ def spec_from_json(text: str) -> ActorSpec:
 
     InputError for malformed JSON, missing, unknown or unusable fields.
     """
-    try:
-        document = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_duplicates)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"malformed JSON ({error})", where=WHERE) from error
+    document = read_json(text, WHERE)
     if isinstance(document, dict):
         check_schema(document.get("schema_version"))
     values = _fields_of(ActorSpec, document, WHERE)
@@ -133,14 +131,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(entry) for entry in value]
     return value
-
-
-def _refuse_constant(name: str) -> Any:
-    raise InputError("not a finite number", where=WHERE, got=name, expected="finite numbers only")
-
-
-def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    keys = [key for key, _ in pairs]
-    if twice := sorted({key for key in keys if keys.count(key) > 1}):
-        raise InputError("field given twice", where=WHERE, got=", ".join(twice), expected="each field once")
-    return dict(pairs)

@@ -160,7 +160,7 @@ TERM = {"term": "dof_pos", "lags": [0], "scale": 1.0, "clip": 100.0}
             edited(observations=[{"name": "obs", "terms": [TERM | {"noise": 1}]}]),
             "observations[0]: terms[0]: unknown fields, got noise",
         ),
-        ('{"kp": 1, "kp": 2}', "actor_spec: field given twice, got kp, expected each field once"),
+        ('{"kp": 1, "kp": 2}', "actor_spec: key given twice, got kp, expected each key once"),
     ],
 )
 def test_unusable_json_is_refused(text, message):
