@@ -7,7 +7,7 @@ from typing import Any
 Array = Any  # np.ndarray or torch.Tensor
 
 
-def decode_action(action: Array, default_pos_rad: Array, action_scale: Array, action_clip: float) -> Array:
+def decode_action(action: Array, default_pos_rad: Array, action_scale: Array | float, action_clip: float) -> Array:
     """PD target (..., J) in rad of a raw ``action`` (..., J); not finite where the action is not.
 
     target = default + scale * clip(action, ±action_clip)

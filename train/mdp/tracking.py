@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from policy.action import decode_action
 from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.batch import Device
@@ -124,7 +125,7 @@ class TrackingEnv:
         """Advance by one control period with raw actions (B, J). NonFiniteError if the physics of many diverges."""
         state = self.state
         self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
-        targets = self.limits.default_pos_rad + ACTION_SCALE * action.clamp(-ACTION_CLIP, ACTION_CLIP)
+        targets = decode_action(action, self.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
         self._physics.step(targets)
         state.tick += 1
         state.episode_steps += 1
