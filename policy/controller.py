@@ -45,7 +45,7 @@ class PolicyController:
 
     A state that is not finite gives an action of NaN, whatever the graph or the clipping would make of
     it, so that the safety rule on actions sees it; from then on only ``reset`` helps. A map that is missing or too old
-    does the same; a command that is missing or too old is at rest.
+    does the same; a command that is missing or too old is at rest, and none leaves the range seen in training.
     """
 
     def __init__(self, actor: Actor, robot: Robot) -> None:
@@ -146,7 +146,8 @@ class PolicyController:
         for command in self.actor.spec.commands:
             latest = given.get(command.name)
             fresh = latest is not None and latest.age_s <= command.timeout_s
-            values[command.name] = np.asarray(latest.values if latest and fresh else command.rest, np.float64)
+            wanted = np.asarray(latest.values if latest and fresh else command.rest, np.float64)
+            values[command.name] = np.clip(wanted, *np.transpose(command.range))
         for grid in self.actor.spec.maps:
             latest = given.get(grid.name)
             if latest is None or not latest.age_s <= grid.max_age_s:

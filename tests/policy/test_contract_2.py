@@ -138,6 +138,11 @@ def test_a_command_rests_until_it_comes_and_after_its_time(tmp_path):
     wanted = np.array([0.5, -0.5, 0.25])
     assert act(controller).action.tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert act(controller, given={"speed": Given(wanted, 0.4)}).action.tolist() == wanted.tolist()
+    beyond = Given(np.array([5.0, -5.0, 0.25]), 0.0)
+    assert act(controller, given={"speed": beyond}).action.tolist() == [1.0, -1.0, 0.25]  # the range seen in training
+    unknown = Given(np.array([np.nan, 0.0, 0.0]), 0.0)
+    assert np.isnan(act(controller, given={"speed": unknown}).action).all()
+    controller.reset()
     assert act(controller, given={"speed": Given(wanted, 0.6)}).action.tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert act(controller, given={"speed": Given(wanted, np.nan)}).action.tolist() == pytest.approx([0.1, 0.2, 0.3])
 
