@@ -6,9 +6,11 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.settings import EntrySettings
 from motion.clip import clip_from_bytes
+from motion.feedforward import with_feedforward
 from motion.library import open_motion
 from motion.reference import build_reference, joint_columns
 from policy.actor import load_actor
+from policy.observation import asks_for
 from policy.spec import motion_info
 from robot.robot import Robot
 from world.scene import Scene
@@ -30,7 +32,10 @@ def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry:
             )
     if clip is None:
         raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
-    return ActorRun(actor, robot, entry, build_reference(clip, robot, actor.spec.control_period_s))
+    reference = build_reference(clip, robot, actor.spec.control_period_s)
+    if asks_for(actor.spec.observations, "reference_feedforward"):
+        reference = with_feedforward(robot, reference)
+    return ActorRun(actor, robot, entry, reference)
 
 
 def check_same_period(runs: list[ActorRun]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from policy.spec import ObservationGroup, ObservationTerm
 
 PBHC_SCALES = {"base_ang_vel": 0.25, "dof_vel": 0.05}  # of every other term 1
@@ -32,9 +34,38 @@ WINDOW_TERMS = (
 WINDOW_SCALES = {"reference_joint_vel": 0.05, "reference_ang_vel": 0.25}
 
 
+MEASURED = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel", "actions")
+TRACKER_LAGS = 5
+
+
+def tracker_actor_group(name: str = "actor_obs") -> ObservationGroup:
+    """What trackers trained through a world model see: what the robot measures and did, tick by tick, and how that
+    compares with the next tick; then, of the reference alone, the way ahead and the targets that carry it."""
+
+    def ahead(term: str, *ticks: int) -> ObservationTerm:
+        return ObservationTerm(term, scale=WINDOW_SCALES.get(term, 1.0), ticks=ticks)
+
+    measured = [
+        ObservationTerm(term, (lag,), PBHC_SCALES.get(term, 1.0)) for lag in range(TRACKER_LAGS) for term in MEASURED
+    ]
+    compared = [ahead("reference_joint_error", 1), ahead("reference_heading", 1)]
+    coming = [
+        ahead("reference_joint_pos", 0, *WINDOW_TICKS), ahead("reference_feedforward", 0),
+        ahead("reference_joint_vel", 1),
+        *(ahead(t, *WINDOW_TICKS) for t in
+          ("reference_root_height", "reference_gravity", "reference_lin_vel", "reference_ang_vel")),
+    ]  # fmt: skip
+    return ObservationGroup(name, (*measured, *compared, *coming))
+
+
 def window_actor_group(name: str = "actor_obs", ticks: tuple[int, ...] = WINDOW_TICKS) -> ObservationGroup:
     """Five ticks of what the robot measures and did, and the reference ``ticks`` ahead: for actors of any clip."""
-    measured = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel", "actions")
-    terms = [ObservationTerm(term, (0, 1, 2, 3, 4), PBHC_SCALES.get(term, 1.0)) for term in measured]
+    terms = [ObservationTerm(term, (0, 1, 2, 3, 4), PBHC_SCALES.get(term, 1.0)) for term in MEASURED]
     terms += [ObservationTerm(term, (0,), WINDOW_SCALES.get(term, 1.0), ticks=ticks) for term in WINDOW_TERMS]
     return ObservationGroup(name, tuple(terms))
+
+
+# Layouts by name; that of PBHC alone has older lags.
+LAYOUTS: dict[str, Callable[..., ObservationGroup]] = {
+    "pbhc": pbhc_actor_group, "window": window_actor_group, "tracker": tracker_actor_group,
+}  # fmt: skip

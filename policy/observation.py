@@ -72,6 +72,11 @@ def window_ticks(groups: Sequence[ObservationGroup]) -> tuple[int, ...]:
     return tuple(sorted({tick for group in groups for entry in group.terms for tick in entry.ticks}))
 
 
+def asks_for(groups: Sequence[ObservationGroup], term: str) -> bool:
+    """Whether any of ``groups`` has this term."""
+    return any(entry.term == term for group in groups for entry in group.terms)
+
+
 def term_order(group: ObservationGroup) -> tuple[ObservationTerm, ...]:
     """The group's distinct entries, each at lag 0, in order of first appearance.
 

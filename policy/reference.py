@@ -27,6 +27,7 @@ class ReferenceWindow:
     root_quat_wxyz: Array  # (..., K, 4)
     root_lin_vel_w: Array  # (..., K, 3)
     root_ang_vel_w: Array  # (..., K, 3)
+    feedforward_rad: Array | None = None  # (..., K, J), from the joint positions to the targets that carry the motion
 
     def columns(self, ticks: Sequence[int]) -> list[int]:
         """Where ``ticks`` stand among those of the window. ValueError where one is missing."""
@@ -48,6 +49,8 @@ class ReferenceMotion(Protocol):
     def root_lin_vel_w(self) -> np.ndarray: ...
     @property
     def root_ang_vel_w(self) -> np.ndarray: ...
+    @property
+    def feedforward_rad(self) -> np.ndarray | None: ...
 
 
 def window_at(
@@ -72,6 +75,7 @@ def window_at(
         root_quat_wxyz=quat_mul(np.broadcast_to(turn, (len(index), 4)), rows.root_quat_wxyz[index]),
         root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
         root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
+        feedforward_rad=None if rows.feedforward_rad is None else rows.feedforward_rad[index][:, joints],
     )
 
 

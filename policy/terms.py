@@ -11,7 +11,15 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from core.errors import InputError
-from core.rotations import array_module, quat_conjugate, quat_mul, quat_rotate_inverse, quat_to_matrix, yaw_quat
+from core.rotations import (
+    array_module,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate_inverse,
+    quat_to_matrix,
+    yaw_of,
+    yaw_quat,
+)
 from core.rotations import projected_gravity as gravity_in_body
 from policy.reference import ReferenceWindow
 from policy.spec import ObservationTerm
@@ -128,6 +136,31 @@ def reference_joint_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """Joint velocities of the reference, rad/s."""
     window, columns = _window(s, ticks)
     return _flat(window.joint_vel_rad_s[..., columns, :])
+
+
+@register(per_joint=1, windowed=True)
+def reference_joint_error(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Joint positions of the reference relative to the robot's now, rad."""
+    window, columns = _window(s, ticks)
+    return _flat(window.joint_pos_rad[..., columns, :] - s.joint_pos_rad[..., None, :])
+
+
+@register(per_joint=1, windowed=True)
+def reference_feedforward(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """From the reference's joint positions to the targets that carry its motion, rad."""
+    window, columns = _window(s, ticks)
+    if window.feedforward_rad is None:
+        raise InputError("a term asks for feed-forward targets, but the reference has none")
+    return _flat(window.feedforward_rad[..., columns, :])
+
+
+@register(constant=2, windowed=True)
+def reference_heading(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Sine and cosine of the angle from the robot's heading to the reference's."""
+    window, columns = _window(s, ticks)
+    turn = yaw_of(window.root_quat_wxyz[..., columns, :]) - yaw_of(s.base_quat_wxyz)[..., None]
+    xp = array_module(turn)
+    return _flat(xp.stack([xp.sin(turn), xp.cos(turn)], -1))
 
 
 @register(constant=1, windowed=True)

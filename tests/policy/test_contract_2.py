@@ -31,6 +31,7 @@ class Rows:
     root_quat_wxyz: np.ndarray
     root_lin_vel_w: np.ndarray
     root_ang_vel_w: np.ndarray
+    feedforward_rad: np.ndarray
 
 
 def rows() -> Rows:
@@ -42,6 +43,7 @@ def rows() -> Rows:
         root_quat_wxyz=np.tile([HALF, 0.0, 0.0, HALF], (4, 1)),  # looks along +y
         root_lin_vel_w=np.tile([0.0, 0.5, 0.0], (4, 1)),
         root_ang_vel_w=np.zeros((4, 3)),
+        feedforward_rad=np.tile([0.1, 0.2, 0.3], (4, 1)),
     )
 
 

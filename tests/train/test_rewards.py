@@ -21,7 +21,7 @@ def on_reference() -> StepOutcome:
     root, force = torch.zeros(1, 3), torch.tensor([[[0.0, 0.0, 170.0], [0.0, 0.0, 170.0]]])
     physics = PhysicsState(root, identity[None], root, root, joints, joints, joints, force, torch.zeros(1, 2))
     reference = ReferenceRows(
-        joints, joints, root, identity[None], root, root, three, quats, three, three,
+        joints, joints, root, identity[None], root, root, joints, three, quats, three, three,
         torch.ones(1, 2), torch.zeros(1, 1), torch.zeros(1),
     )  # fmt: skip
     limits = RobotLimits(

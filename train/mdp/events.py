@@ -58,11 +58,16 @@ class Events:
         waits = [uniform((num_envs,), 0.0, longest, self._generator, self._device) for _, (_, longest) in self._terms]
         return torch.stack(waits, dim=1) if waits else torch.zeros(num_envs, 0, device=self._device)
 
-    def apply(self, wait_s: torch.Tensor, physics: Physics, strength: float) -> None:
-        """Count one control period off ``wait_s`` (B, E); what is due happens with ``strength`` in [0, 1]."""
+    def apply(self, wait_s: torch.Tensor, physics: Physics, strength: float) -> torch.Tensor:
+        """Count one control period off ``wait_s`` (B, E); what is due happens with ``strength`` in [0, 1].
+
+        Returns to whom (B,) anything did.
+        """
         wait_s -= self._dt_s
+        happened = (wait_s <= 0.0).any(dim=1)
         for column, (event, interval_s) in enumerate(self._terms):
             due = (wait_s[:, column] <= 0.0).nonzero()[:, 0]
             if len(due):
                 wait_s[due, column] = uniform((len(due),), *interval_s, self._generator, self._device)
                 event(physics, due, strength, self._generator)
+        return happened

@@ -6,9 +6,11 @@ from dataclasses import replace
 import torch
 
 from core.errors import InputError
+from motion.feedforward import with_feedforward
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
+from policy.observation import asks_for
 from robot.robot import Robot
 from train.batch import Device
 from train.mdp.command import Command
@@ -39,6 +41,8 @@ def build_environment(
     if isinstance(references, Reference):
         references = {"clip": references}
     scene = _shared_scene(references)
+    if asks_for([settings.actor_group()], "reference_feedforward"):
+        references = {name: with_feedforward(robot, reference) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from core.errors import InputError
 from core.structured import at_least, positive, within
-from policy.layouts import pbhc_actor_group, window_actor_group
+from policy.layouts import LAYOUTS
 from policy.observation import check_terms
 from policy.spec import MAX_LAG, ObservationGroup, ObservationTerm
 from policy.terms import TERMS as OBSERVATION_TERMS
@@ -17,7 +17,6 @@ from train.mdp.terminations import TERMINATIONS
 from train.simulation.domain import DomainRanges
 from train.simulation.model import SimulationSettings
 
-LAYOUTS = ("pbhc", "window")
 CRITIC = (
     "history", "reference_position", "position_difference", "com_offset", "mass_scale", "kp_scale", "kd_scale",
     "friction", "delay",
@@ -236,6 +235,5 @@ class EnvironmentSettings:
         """The layout of the actor's observation."""
         if not isinstance(self.observations, str):
             return ObservationGroup("actor_obs", self.observations)
-        return (
-            window_actor_group() if self.observations == "window" else pbhc_actor_group(older_lags=self.older_ticks())
-        )
+        layout = LAYOUTS[self.observations]
+        return layout(older_lags=self.older_ticks()) if self.older_lags else layout()

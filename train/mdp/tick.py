@@ -15,7 +15,10 @@ from train.simulation.simulator import PhysicsState
 
 @dataclass(frozen=True)
 class ReferenceRows(Batch):
-    """The reference at one tick per environment; the shapes of :class:`motion.reference.Reference` with B rows."""
+    """The reference at one tick per environment; the shapes of :class:`motion.reference.Reference` with B rows.
+
+    ``feedforward_rad`` is zero where nobody asked for it.
+    """
 
     joint_pos_rad: torch.Tensor
     joint_vel_rad_s: torch.Tensor
@@ -23,6 +26,7 @@ class ReferenceRows(Batch):
     root_quat_wxyz: torch.Tensor
     root_lin_vel_w: torch.Tensor
     root_ang_vel_w: torch.Tensor
+    feedforward_rad: torch.Tensor
     body_pos_w: torch.Tensor
     body_quat_wxyz: torch.Tensor
     body_lin_vel_w: torch.Tensor
@@ -56,9 +60,8 @@ class ReferenceTable:
         lengths = self.num_ticks + 2
         self._first_row = torch.cumsum(lengths, 0) - lengths
         names = [name for name in ReferenceRows.__dataclass_fields__ if name != "lift_m"]
-        parts = {name: [getattr(reference, name) for reference in references] for name in names} | {
-            "lift_m": list(lift_m)
-        }
+        parts = {name: [_values(reference, name) for reference in references] for name in names}
+        parts["lift_m"] = list(lift_m)
         columns = {name: torch.cat([_held(name, part, device) for part in values]) for name, values in parts.items()}
         self._shapes = {name: column.shape[1:] for name, column in columns.items()}
         self._table = torch.cat([column.reshape(len(column), -1) for column in columns.values()], dim=1)
@@ -77,12 +80,20 @@ class ReferenceTable:
         index = self._first_row[clip][:, None] + torch.minimum(wanted, self.num_ticks[clip][:, None] + 1)
         sizes = [self._shapes[name].numel() for name in _WINDOW]
         parts = self._table[:, : sum(sizes)][index].split(sizes, dim=-1)
-        joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel = parts
-        return ReferenceWindow(ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel)
+        joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel, feedforward = parts
+        return ReferenceWindow(ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel, feedforward)
 
 
 # The first columns of the table.
-_WINDOW = ("joint_pos_rad", "joint_vel_rad_s", "root_pos_w", "root_quat_wxyz", "root_lin_vel_w", "root_ang_vel_w")
+_WINDOW = (
+    "joint_pos_rad", "joint_vel_rad_s", "root_pos_w", "root_quat_wxyz", "root_lin_vel_w", "root_ang_vel_w",
+    "feedforward_rad",
+)  # fmt: skip
+
+
+def _values(reference: Reference, name: str) -> np.ndarray:
+    values: np.ndarray | None = getattr(reference, name)
+    return np.zeros_like(reference.joint_pos_rad) if values is None else values
 
 
 def _held(name: str, values: np.ndarray, device: Device) -> torch.Tensor:

@@ -124,7 +124,7 @@ class TrackingEnv:
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance by one control period with raw actions (B, J). NonFiniteError if the physics of many diverges."""
         state = self.state
-        self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
+        self.disturbed = self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
         targets = decode_action(action, self.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
         self._physics.step(targets)
         state.tick += 1
