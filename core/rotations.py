@@ -59,7 +59,7 @@ def quat_rotate_inverse(q: Array, v: Array) -> Array:
 def quat_to_matrix(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     xp = array_module(q)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    w, x, y, z = _parts(q)
     rows = [
         xp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
         xp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
@@ -96,7 +96,7 @@ def quat_to_rotvec(q: Array) -> Array:
 
 def yaw_of(q: Array) -> Array:
     """Heading (...) in rad: the angle of the body's x axis in the world's x-y plane."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    w, x, y, z = _parts(q)
     return array_module(q).arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
@@ -110,7 +110,7 @@ def yaw_quat(q: Array) -> Array:
 
 def projected_gravity(q_wb: Array) -> Array:
     """Rᵀ(0, 0, -1): the direction of gravity in the body frame (..., 3)."""
-    w, x, y, z = q_wb[..., 0], q_wb[..., 1], q_wb[..., 2], q_wb[..., 3]
+    w, x, y, z = _parts(q_wb)
     return array_module(q_wb).stack(
         [2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0],
         -1,
@@ -154,4 +154,5 @@ def rotate_parts(q: Sequence[Array], v: Sequence[Array]) -> list[Array]:
 
 
 def _parts(a: Array) -> list[Array]:
-    return [a[..., i] for i in range(a.shape[-1])]
+    """The components of (..., n); torch's in one operation, which a gradient passes at once."""
+    return list(a.unbind(-1)) if hasattr(a, "unbind") else [a[..., i] for i in range(a.shape[-1])]

@@ -15,7 +15,7 @@ FORCE_REGULARIZATION = 1e-3
 
 
 def with_feedforward(robot: Robot, reference: Reference) -> Reference:
-    """The reference with its feed-forward: how far (T, J) the targets that carry it lie from its joint positions, rad."""
+    """The reference with its feed-forward (T, J), rad: how far the targets that carry it are from its joints."""
     return replace(reference, feedforward_rad=feedforward_targets(robot, reference) - reference.joint_pos_rad)
 
 

@@ -27,6 +27,7 @@ from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
 from train.mdp.settings import EnvironmentSettings
 from train.priors.module import PriorSettings
+from train.world_model.settings import WorldModelSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
 _PATH_KEYS = ("motion", "motions", "robot", "run_dir", "init_from")
@@ -58,6 +59,7 @@ class TrainConfig:
     learner: LearnerSettings
     prior: PriorSettings
     environment: EnvironmentSettings
+    world_model: WorldModelSettings | None = None
 
     @property
     def motion_name(self) -> str:

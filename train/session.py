@@ -26,18 +26,19 @@ from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASI
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
-from train.learner.ppo import Ppo
+from train.learner.learner import Learner
 from train.lineage import Source, begin_from, find_source
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
-from train.mdp.tracking import CONTROL_PERIOD_S
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.nan_guard import replay
 from train.priors.build import prior_of
 from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import TrainingReport, story
 from train.runner import Runner
+from train.world_model.build import build_world_model_learner
 
 EVALUATION_SEED = 12345
 
@@ -147,8 +148,11 @@ def train(setup: Setup) -> None:
         progress.close()
 
 
-def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> Ppo:
+def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> Learner:
     """The learner with its prior; before it is made, what the ground can give of the clip is told."""
+    if setup.config.world_model is not None:
+        assert isinstance(env, TrackingEnv)
+        return build_world_model_learner(setup.followable, env, setup.robot)
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
         progress.say(line)

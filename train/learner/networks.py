@@ -99,6 +99,26 @@ class ActionPrior(Protocol):
         ...
 
 
+class Residual(Protocol):
+    """What an actor's network is. A module."""
+
+    input_size: int
+    low_precision: bool
+
+    @property
+    def output(self) -> nn.Linear:
+        """The last layer."""
+        ...
+
+    def stored(self, x: Tensor) -> Tensor:
+        """Inputs as they are kept for later passes."""
+        ...
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """(..., inputs) → (..., J)."""
+        ...
+
+
 class ActorNetwork(nn.Module):
     """Gaussian policy: mean = prior(obs) + residual, one standard deviation per action.
 
@@ -111,7 +131,7 @@ class ActorNetwork(nn.Module):
 
     def __init__(
         self,
-        mlp: Mlp,
+        mlp: Mlp | Residual,
         num_actions: int,
         noise_std: tuple[float, float, float],
         prior: ActionPrior | None = None,

@@ -66,6 +66,11 @@ class Command:
         rows = self.table.rows(clip, tick)
         return EpisodeStart(clip, tick, uniform, rows, *self._starts.state(rows, tick == 0))
 
+    def hard(self) -> torch.Tensor:
+        """Weights (C, bins) of half seconds by how often robots fail soon after them; see :class:`StartSampler`."""
+        failing = self.failures.ahead()
+        return self._clips.shares(1.0 - self.failures.survival())[:, None] * self._starts.weights(failing)
+
     def begin(self, state: EnvState, env_ids: torch.Tensor, start: EpisodeStart) -> None:
         """Write the episodes that ``env_ids`` (n,) begin into ``state``."""
         state.clip[env_ids], state.tick[env_ids], state.start_tick[env_ids] = start.clip, start.tick, start.tick

@@ -43,13 +43,19 @@ class StartSampler:
         last = self._num_ticks[clip]
         kind = self._rand(count)
         tick = (self._rand(count) * last).long()
-        chosen = choice(failing[clip] + MIN_WEIGHT, self._generator)
+        chosen = choice(self.weights(failing)[clip], self._generator)
         inside = (self._rand(count) * BIN_TICKS).long()
         weighted = torch.minimum(chosen * BIN_TICKS + inside, last - 1)
         from_first = kind < settings.first_frame
         by_failure = ~from_first & (kind < settings.first_frame + settings.by_failure)
         tick = torch.where(by_failure, weighted, torch.where(from_first, 0, tick))
         return tick, ~from_first & ~by_failure
+
+    def weights(self, failing: torch.Tensor) -> torch.Tensor:
+        """The share (C, bins) of each half second of a clip among the starts by failure."""
+        inside = BIN_TICKS * torch.arange(failing.shape[1], device=failing.device) < self._num_ticks[:, None]
+        weights = (failing + MIN_WEIGHT) * inside
+        return weights / weights.sum(dim=1, keepdim=True)
 
     def state(self, rows: ReferenceRows, first_frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return qpos (n, 7+J) and qvel (n, 6+J) of the reference rows, lifted onto the ground, with start noise.

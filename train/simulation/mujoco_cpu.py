@@ -7,6 +7,7 @@ target by τ/kp: it adds to the motor's torque before the limit.
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -98,6 +99,12 @@ class MujocoCpuSimulator:
         self.randomization = scale
         self.domain = self._drawn.towards(self._nominal, scale * self._differs)
         _write_models(self._models, self._nominal_model, self._robot, self.domain)
+
+    def redraw(self) -> None:
+        """See :class:`train.simulation.simulator.Simulator`."""
+        gains = {name: getattr(self._drawn, name) for name in _GAINS}
+        self._drawn = replace(draw_domain(self.num_envs, self._robot, self._ranges, self.generator), **gains)
+        self.set_randomization(self.randomization)
 
     @property
     def delay_s(self) -> torch.Tensor:

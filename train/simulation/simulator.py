@@ -66,6 +66,10 @@ class Simulator(Protocol):
         """The state after the last step or reset."""
         ...
 
+    def redraw(self) -> None:
+        """Draw every robot's physical parameters anew, but for those that are drawn with each episode."""
+        ...
+
     def set_randomization(self, scale: float) -> None:
         """Move every physical parameter to nominal + scale·(drawn − nominal)."""
         ...

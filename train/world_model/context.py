@@ -1,0 +1,55 @@
+"""What the world model and the critic are told of each robot, and its actor is not: the randomised constants."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from train.simulation.domain import Domain
+
+QUEUE = 3  # targets that a delay of up to two control steps may still act with
+
+
+class Context(NamedTuple):
+    """Of N robots.
+
+    Attributes:
+        features: (N, C) all of it.
+        kp_scale, kd_scale: (N, J).
+        early, late: (N, 3) how much of the newest target and of the two before acts in each half of a control step.
+    """
+
+    features: Tensor
+    kp_scale: Tensor
+    kd_scale: Tensor
+    early: Tensor
+    late: Tensor
+
+
+def packed_context(domain: Domain, delay_s: Tensor, substeps: int, control_period_s: float) -> Tensor:
+    """One tensor (N, C + 6) of what is constant over an episode; see :func:`context_of`."""
+    sole = domain.sole_scale.unflatten(1, (2, -1)).mean(dim=-1)
+    features = [
+        domain.kp_scale, domain.kd_scale, domain.friction[:, None], sole, domain.com_offset_m, domain.mass_scale,
+        domain.inertia_scale, delay_s[:, None],
+    ]  # fmt: skip
+    return torch.cat([*features, *_acting(delay_s, substeps, control_period_s)], dim=1)
+
+
+def context_of(packed: Tensor, num_joints: int) -> Context:
+    """Inverse of :func:`packed_context`."""
+    features, early, late = packed.split([packed.shape[1] - 2 * QUEUE, QUEUE, QUEUE], dim=1)
+    return Context(features, features[:, :num_joints], features[:, num_joints : 2 * num_joints], early, late)
+
+
+def _acting(delay_s: Tensor, substeps: int, control_period_s: float) -> tuple[Tensor, Tensor]:
+    """(N, 3) each: the shares of the last targets in the first and second half of a control step.
+
+    In sub-step i the newest target acts from the delay on, before it the one that came a step earlier, and so on.
+    """
+    substep_s = control_period_s / substeps
+    waiting = torch.round(delay_s / substep_s)[:, None] - torch.arange(substeps, device=delay_s.device)
+    steps_back = torch.ceil(waiting.clamp(min=0) / substeps).long().clamp(max=QUEUE - 1)
+    acting = torch.nn.functional.one_hot(steps_back, QUEUE).float()
+    half = (substeps + 1) // 2
+    return acting[:, :half].mean(dim=1), acting[:, substeps - half :].mean(dim=1)

@@ -1,0 +1,121 @@
+"""Fits the world model to what simulated robots did."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from core.rotations import projected_gravity
+from train.world_model.context import context_of
+from train.world_model.model import WorldModel
+from train.world_model.ring import Ring
+from train.world_model.settings import FittingSettings
+from train.world_model.state import Motion, change_between, error, pack, unpack
+
+# Weight of each part of a state, and the size of an error that counts as one: m, rad, m/s, rad/s, rad, rad/s.
+WEIGHTS = (1.0, 1.0, 0.5, 0.5, 1.0, 0.5)
+UNITS = (0.01, 0.02, 0.1, 0.3, 0.02, 1.0)
+SOFTNESS = 0.1  # in units: below it errors count by their square
+LEAST_SPREAD = 1e-5
+SAMPLES = 20000
+
+
+class ModelFitting:
+    """Updates of the world model on windows of steps, in which it is fed its own states.
+
+    Args:
+        model: what is fitted.
+        settings: rates and sizes.
+        ring: what the robots did.
+        generator: source of randomness.
+    """
+
+    def __init__(self, model: WorldModel, settings: FittingSettings, ring: Ring, generator: torch.Generator) -> None:
+        self.model, self._settings, self._ring, self._generator = model, settings, ring, generator
+        self.optimizer = torch.optim.AdamW(
+            model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
+        )
+        self._joints = len(model.kp_share)
+        self._units = torch.cat([torch.full((n,), u) for n, u in zip(self._sizes(), UNITS, strict=True)])
+        self._weights = torch.cat([torch.full((n,), w / n) for n, w in zip(self._sizes(), WEIGHTS, strict=True)])
+
+    def _sizes(self) -> list[int]:
+        return [3, 3, 3, 3, self._joints, self._joints]
+
+    @torch.no_grad()
+    def normalize(self) -> None:
+        """Set what inputs and outputs are normalised by; once, when enough is known."""
+        ring, model = self._ring, self.model
+        times, robots = ring.sample(SAMPLES, 1, None, self._generator)
+        before, after = ring.at(times[0], robots), ring.at(times[1], robots)
+        whole = before.segment == after.segment
+        motion, following = (unpack(s.state[whole]) for s in (before, after))
+        change = change_between(motion, following, model.dt_s)
+        model.output_std.copy_(torch.cat(change, dim=1).std(dim=0).clamp(min=LEAST_SPREAD))
+        context = context_of(before.context[whole], self._joints)
+        queue = ring.targets_before(times[0][whole], robots[whole], before.age[whole], before.target[whole])
+        targets = (before.target[whole], *queue)
+        inputs = model.inputs(motion, projected_gravity(motion.quat_wxyz), targets, context)
+        model.network.normalize_by(inputs, context.features)
+
+    def set_rate(self, share: float) -> None:
+        """The share of the learning rate that counts from now on."""
+        last = self._settings.last_share
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._settings.learning_rate * (last + (1.0 - last) * share)
+
+    def update(self, length: int, batch: int) -> Tensor:
+        """One update on ``batch`` windows of ``length`` steps; returns the loss, a scalar on the device."""
+        played, actual, counts = self._play(length, batch, None)
+        off = error(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
+        units = pack(off) / self._units
+        losses = ((units.square() + SOFTNESS**2).sqrt() - SOFTNESS) @ self._weights
+        loss = (torch.nan_to_num(losses, 0.0, 0.0, 0.0) * counts).sum() / counts.sum().clamp(min=1.0)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
+        if torch.isfinite(norm):
+            self.optimizer.step()
+        return loss.detach()
+
+    def _play(self, length: int, batch: int, newest: int | None) -> tuple[list[Motion], Tensor, Tensor]:
+        """The model's states after each step of windows, the actual ones, and whether (length · batch,) they count."""
+        ring = self._ring
+        times, robots = ring.sample(batch, length, newest, self._generator)
+        first = ring.at(times[0], robots)
+        states = ring.states(times, robots)
+        segments = ring.segments(times, robots)
+        counts = (segments[1:] == segments[:1]).float().cumprod(dim=0)
+        targets = ring.targets(times[:-1], robots)
+        before = ring.targets_before(times[0], robots, first.age, first.target)
+        self.model.prepare()
+        context = context_of(first.context, self._joints)
+        played = self.model.play(unpack(states[0]), targets.unbind(0), before, context)
+        return played, states[1:].flatten(0, 1), counts.flatten()
+
+    @torch.no_grad()
+    def open_loop(self, length: int, number: int) -> dict[str, float]:
+        """How far off the model is after ``length`` steps of the newest windows: medians, and of standing still."""
+        played, actual, counts = self._play(length, number, length + 60)
+        last, whole = unpack(actual.unflatten(0, (length, -1))[-1]), counts.unflatten(0, (length, -1))[-1] > 0
+        off = error(played[-1], last)
+        names = ("pos_mm", "turn_mrad", "lin_vel", "ang_vel", "joint_mrad", "joint_vel")
+        scales = (1e3, 1e3, 1.0, 1.0, 1e3, 1.0)
+        return {
+            f"model/{name}": float(scale * part[whole].norm(dim=1).median())
+            for name, part, scale in zip(names, off, scales, strict=True)
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Model, optimiser, generator."""
+        return {
+            "model": self.model.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` returned."""
+        self.model.load_state_dict(state["model"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self._generator.set_state(state["generator"])

@@ -1,0 +1,215 @@
+"""Rollouts of the policy in the world model, through which gradients pass to the policy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from core.rotations import projected_gravity
+from policy.observation import entry_size, sample_terms, term_dims, window_ticks
+from policy.reference import ReferenceWindow
+from policy.spec import ObservationGroup
+from policy.terms import ObservationInput
+from robot.robot import Robot
+from train.mdp.draws import normal, uniform
+from train.mdp.tick import ReferenceRows, ReferenceTable
+from train.world_model.context import Context, context_of
+from train.world_model.cost import Imagined
+from train.world_model.model import WorldModel
+from train.world_model.policy import BoundedResidual, Layout, as_measured
+from train.world_model.settings import ImaginationSettings
+from train.world_model.starts import Start
+from train.world_model.state import Motion, reference_motion
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """H steps of B robots.
+
+    Attributes:
+        imagined: what the steps cost by.
+        alive: (H, B) 1 until a robot is lost, from then on 0.
+        wish: (H, B, J) what the network asked for.
+        ahead: (H + 1, B, A) what the policy saw of the reference alone, and would see next.
+        context: of the robots.
+    """
+
+    imagined: Imagined
+    alive: Tensor
+    wish: Tensor
+    ahead: Tensor
+    context: Context
+
+
+class Imagination:
+    """Plays the policy in the world model, with what a robot would measure.
+
+    Args:
+        robot: the robot.
+        group: the actor's observation.
+        table: the references.
+        noise: term → half width of uniform sensor noise, before scaling.
+        settings: horizon, noise on actions, when a robot is lost.
+        action_scale: rad of a raw action of 1.
+        generator: source of the noise.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        group: ObservationGroup,
+        table: ReferenceTable,
+        noise: dict[str, float],
+        settings: ImaginationSettings,
+        action_scale: float,
+        generator: torch.Generator,
+    ) -> None:
+        self._robot, self._table, self._settings, self.generator = robot, table, settings, generator
+        layout = Layout(group, robot.num_joints)
+        self._measured, self._compared, self._ahead = as_measured(layout.measured), layout.compared, layout.ahead
+        self._base = [slice(part.start - layout.state_size, part.stop - layout.state_size) for part in layout.base]
+        self.lags = len(layout.measured) // len(self._measured)
+        self._ticks = {terms: window_ticks([ObservationGroup("of", terms)]) for terms in (self._compared, self._ahead)}
+        dims, joints = term_dims(robot.num_joints), robot.num_joints
+        half = [np.full(entry_size(e, dims), noise.get(e.term, 0.0) * e.scale) for e in self._measured]
+        self._noise = torch.tensor(np.concatenate(half)).float()
+        self._default = torch.tensor(robot.default_pos_rad).float()
+        self._action_scale, self._joints = action_scale, joints
+        self._kp_share, self._kd_share = (
+            torch.tensor(gain / robot.torque_limit_nm).float() for gain in (robot.kp, robot.kd)
+        )
+
+    def play(self, policy: BoundedResidual, model: WorldModel, start: Start, *, noisy: bool) -> Rollout:
+        """Both networks are prepared. ``noisy``: whether half of the robots act with noise."""
+        steps = self._settings.horizon
+        clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1)[:, None]
+        ahead = self._look_ahead(clip, tick)
+        encoded_ahead = policy.network.encode(ahead[:-1].flatten(0, 1)).unflatten(0, ahead[:-1].shape[:2]).unbind(0)
+        carrying = ((ahead[..., self._base[0]] + ahead[..., self._base[1]]) / self._action_scale).unbind(0)
+        compared_with = self._windows(clip, tick, self._ticks[self._compared])
+        noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros(())] * steps
+        context = context_of(start.context, self._joints)
+        encoded = model.encode(context)
+        motion, history, last_action = start.motion, self._history(start), self._actions(start)[0]
+        before: tuple[Tensor, Tensor] | None = None
+        befores, states, wishes, targets = [], [], [], []
+        for k in range(steps):
+            history = [self._measure(motion, last_action), *history][: self.lags]
+            compared = sample_terms(self._compared, self._seen(motion, last_action, compared_with[k]))
+            wish = policy.wish(torch.cat([*history, compared], dim=1), encoded_ahead[k])
+            last_action = carrying[k] + policy.added(wish) + noise[k]
+            target = self._default + self._action_scale * last_action
+            before = before or self._queue(start, target)
+            befores.append(motion)
+            motion = model.step(motion, projected_gravity(motion.quat_wxyz), (target, *before), context, encoded)
+            before = target, before[0]
+            states.append(motion)
+            wishes.append(wish)
+            targets.append(target)
+        rows = self._table.rows(clip[1:].flatten(), tick[1:].flatten())
+        imagined = self._compare(states, befores, torch.stack(targets), torch.stack(wishes), rows)
+        return Rollout(imagined, self._alive(imagined), torch.stack(wishes), ahead, context)
+
+    def first_sight(self, start: Start) -> tuple[Tensor, Tensor, Motion, Motion, Context]:
+        """What policies and critics see at the start: (N, S) of the robot, (N, A) ahead; state, reference, context."""
+        clip, tick = start.clip[None], start.tick[None]
+        ahead, window = self._look_ahead(clip, tick)[0], self._windows(clip, tick, self._ticks[self._compared])[0]
+        last_action = self._actions(start)[0]
+        history = [self._measure(start.motion, last_action), *self._history(start)]
+        compared = sample_terms(self._compared, self._seen(start.motion, last_action, window))
+        reference = reference_motion(self._table.rows(start.clip, start.tick))
+        context = context_of(start.context, self._joints)
+        return torch.cat([*history, compared], dim=1), ahead, start.motion, reference, context
+
+    def _look_ahead(self, clip: Tensor, tick: Tensor) -> Tensor:
+        """The terms of the reference alone (H + 1, B, A)."""
+        window = self._table.window(clip.flatten(), tick.flatten(), self._ticks[self._ahead])
+        return sample_terms(self._ahead, self._seen(None, None, window)).unflatten(0, clip.shape)
+
+    def _windows(self, clip: Tensor, tick: Tensor, ticks: tuple[int, ...]) -> list[ReferenceWindow]:
+        """One for each of the H + 1 moments."""
+        window = self._table.window(clip.flatten(), tick.flatten(), ticks)
+        parts = (part.unflatten(0, clip.shape).unbind(0) for part in list(vars(window).values())[1:])
+        return [ReferenceWindow(ticks, *moment) for moment in zip(*parts, strict=True)]
+
+    def _seen(
+        self, motion: Motion | None, last_action: Tensor | None, window: ReferenceWindow | None
+    ) -> ObservationInput:
+        """What terms look at."""
+        return ObservationInput(
+            base_quat_wxyz=motion and motion.quat_wxyz,
+            base_ang_vel_b=motion and motion.ang_vel_b,
+            joint_pos_rad=motion and motion.joint_pos_rad,
+            joint_vel_rad_s=motion and motion.joint_vel_rad_s,
+            last_action=last_action,
+            phase=None,
+            default_pos_rad=self._default,
+            reference=window,
+        )
+
+    def _measure(self, motion: Motion, last_action: Tensor) -> Tensor:
+        """What a robot measures (N, ·), with noise."""
+        exact = sample_terms(self._measured, self._seen(motion, last_action, None))
+        return exact + self._noise * uniform(exact.shape, -1.0, 1.0, self.generator, exact.device)
+
+    def _actions(self, start: Start) -> list[Tensor]:
+        """The raw actions before the present moment and before each of the past ones; zero where there was none."""
+        return [
+            torch.where(start.age[:, None] > lag, (target - self._default) / self._action_scale, 0.0)
+            for lag, target in enumerate(start.past_targets)
+        ]
+
+    def _history(self, start: Start) -> list[Tensor]:
+        """What was measured at past moments, newest first; zero where there was none."""
+        _, *actions = self._actions(start)
+        return [
+            torch.where(start.age[:, None] > lag, self._measure(motion, action), 0.0)
+            for lag, (motion, action) in enumerate(zip(start.past, actions, strict=True))
+        ]
+
+    def _queue(self, start: Start, first: Tensor) -> tuple[Tensor, Tensor]:
+        """The two targets before the ``first``, with which a new episode's queue is filled."""
+        one = torch.where(start.age[:, None] >= 1, start.past_targets[0], first)
+        return one, torch.where(start.age[:, None] >= 2, start.past_targets[1], one)
+
+    def _action_noise(self, robots: int) -> list[Tensor]:
+        """(N, J) for each step, on raw actions of every other robot, low-passed."""
+        s, g = self._settings, self.generator
+        every_other = (torch.arange(robots) % 2)[:, None].float() / self._action_scale
+        fresh = normal((s.horizon, robots, self._joints), s.noise_rad, g, every_other.device) * every_other
+        noise, now = [], torch.zeros(robots, self._joints)
+        for step in fresh:
+            now = s.noise_memory * now + (1.0 - s.noise_memory**2) ** 0.5 * step
+            noise.append(now)
+        return noise
+
+    def _compare(
+        self, states: list[Motion], befores: list[Motion], targets: Tensor, wishes: Tensor, rows: ReferenceRows
+    ) -> Imagined:
+        motion = Motion(*(torch.stack(parts) for parts in zip(*states, strict=True)))
+        q, speed = (torch.stack(parts) for parts in list(zip(*befores, strict=True))[-2:])
+        shape = wishes.shape[:2]
+        odd = [part[1::2].flatten(0, 1) for part in (motion.pos_w, motion.quat_wxyz, motion.joint_pos_rad)]
+        points = self._robot.kinematics.forward(*odd).pos_w.unflatten(0, (shape[0] // 2, shape[1]))
+        return Imagined(
+            motion=motion,
+            reference=Motion(*(part.unflatten(0, shape) for part in reference_motion(rows))),
+            points_m=points,
+            reference_points_m=rows.body_pos_w.unflatten(0, shape)[1::2],
+            torque_share=self._kp_share * (targets - q) - self._kd_share * speed,
+            wish_change=torch.cat([torch.zeros_like(wishes[:1]), wishes[1:] - wishes[:-1]]),
+        )
+
+    def _alive(self, s: Imagined) -> Tensor:
+        """(H, B) 1 until a robot is lost."""
+        with torch.no_grad():
+            tilt = projected_gravity(s.motion.quat_wxyz) - projected_gravity(s.reference.quat_wxyz)
+            off = s.motion.pos_w - s.reference.pos_w
+            lost = self._settings.lost
+            kept = (
+                (tilt.norm(dim=-1) <= lost.tilt)
+                & (off[..., 2].abs() <= lost.height_m)
+                & (off[..., :2].norm(dim=-1) <= lost.place_m)
+            )
+            return kept.float().cumprod(dim=0)

@@ -1,0 +1,240 @@
+"""The learner: collects with the averaged policy, fits the world model, and has the policy learn in it meanwhile."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from policy.action import decode_action
+from train.interface import StepResult
+from train.learner.networks import ActorNetwork
+from train.mdp.draws import normal
+from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+from train.world_model.context import packed_context
+from train.world_model.fitting import ModelFitting
+from train.world_model.partner import Partner
+from train.world_model.policy_learning import PolicyLearning, cosine
+from train.world_model.ring import Ring, Steps
+from train.world_model.settings import WorldModelSettings
+from train.world_model.state import motion_of, pack
+
+WARM_UP_CHUNK = 20
+OPEN_LOOP = {"length": 16, "number": 1000}
+
+
+class WorldModelLearner:
+    """See :class:`train.learner.learner.Learner`.
+
+    A round is ``settings.round`` iterations here and ``settings.policy.updates`` updates of the policy beside them. At
+    its beginning both sides hand over what they have: the world model, the averaged policy, what may be sampled. So the
+    numbers do not depend on who is faster.
+
+    Args:
+        settings: all of them.
+        env: where robots act; its state is read beside what it returns.
+        ring: what they did; its memory is shared with ``partner``.
+        fitting: of the world model.
+        actor: the averaged policy as it is judged; its memory is shared with ``partner``.
+        handed_over: the world model as ``partner`` sees it; shared memory.
+        partner: carries out calls of :class:`PolicySide`.
+        iterations: of the whole run, over which the learning rate falls.
+        generator: source of the noise on actions.
+    """
+
+    def __init__(
+        self,
+        settings: WorldModelSettings,
+        env: TrackingEnv,
+        ring: Ring,
+        fitting: ModelFitting,
+        actor: ActorNetwork,
+        handed_over: nn.Module,
+        partner: Partner,
+        iterations: int,
+        generator: torch.Generator,
+    ) -> None:
+        self.horizon, self._settings, self._env = settings.collect.steps, settings, env
+        self._ring, self._fitting, self._actor = ring, fitting, actor
+        self._acting, self._handed_over, self._partner = copy.deepcopy(actor), handed_over, partner
+        self._iterations, self._generator = iterations, generator
+        stds = torch.tensor(settings.collect.noise_rad)
+        self._noise_std = stds[torch.arange(env.num_envs) % len(stds)][:, None]
+        self._noise = torch.zeros(env.num_envs, env.num_actions)
+        self._segment = torch.zeros(env.num_envs, dtype=torch.long)
+        self._fitted, self._in_round, self._under_way, self._redrawn = 0, 0, False, 0
+        self._figures: dict[str, float] = {}
+
+    @property
+    def weights(self) -> Mapping[str, Tensor]:
+        """See the protocol."""
+        return self._actor.state_dict()
+
+    def actor_with(self, weights: Mapping[str, Tensor]) -> ActorNetwork:
+        """See the protocol."""
+        actor = copy.deepcopy(self._actor)
+        actor.load_state_dict(weights)
+        return actor
+
+    @torch.no_grad()
+    def act(self, observations: Mapping[str, Tensor]) -> Tensor:
+        """See the protocol."""
+        memory = self._settings.collect.noise_memory
+        fresh = normal(self._noise.shape, 1.0, self._generator, self._noise.device) * self._noise_std
+        self._noise = memory * self._noise + (1.0 - memory**2) ** 0.5 * fresh
+        action = self._acting(observations["actor"]) + self._noise / ACTION_SCALE
+        self._remember(action)
+        return action
+
+    def _remember(self, action: Tensor) -> None:
+        env, state = self._env, self._env.state
+        limits = env.limits.default_pos_rad
+        self._ring.write(
+            Steps(
+                state=pack(motion_of(state.physics)),
+                target=decode_action(action, limits, ACTION_SCALE, ACTION_CLIP),
+                context=packed_context(
+                    env.simulator.domain, env.simulator.delay_s, env.settings.simulation.substeps, CONTROL_PERIOD_S
+                ),
+                clip=state.clip,
+                tick=state.tick,
+                age=state.episode_steps,
+                segment=self._segment,
+            )
+        )
+
+    def record(self, result: StepResult) -> None:
+        """See the protocol."""
+        ended = result.terminated | result.timed_out
+        self._segment += ended | self._env.disturbed
+        self._noise[ended] = 0.0
+
+    def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:
+        """See the protocol."""
+        self._redraw()
+        fit, done = self._settings.fitting, self._ring.count * self._ring.num_envs
+        if self._fitted == 0 and done < fit.warm_up_steps:
+            return {"warm_up": done / fit.warm_up_steps}
+        if self._fitted == 0:
+            self._fitting.normalize()
+            self._call("normalize", *self._handed())
+        if self._fitted < fit.warm_up_single + fit.warm_up_window:
+            return self._warm_up()
+        return self._round()
+
+    def _redraw(self) -> None:
+        """Physical constants change within no window."""
+        self._redrawn += 1
+        if self._redrawn % self._settings.collect.redraw_every == 0:
+            self._env.simulator.redraw()
+            self._segment += 1
+
+    def _warm_up(self) -> dict[str, float]:
+        fit = self._settings.fitting
+        for _ in range(WARM_UP_CHUNK):
+            single = self._fitted < fit.warm_up_single
+            size = (1, fit.single_batch) if single else (fit.warm_up_length, fit.window_batch)
+            loss = self._fitting.update(*size)
+            self._fitted += 1
+        return {"model/loss": float(loss), **self._fitting.open_loop(**OPEN_LOOP)}
+
+    def _round(self) -> dict[str, float]:
+        fit = self._settings.fitting
+        if self._in_round == 0:
+            self._hand_over()
+            self._partner.begin("round", *self._handed())
+            self._under_way = True
+        self._fitting.set_rate(cosine(self._progress))
+        for _ in range(fit.single_updates):
+            single = self._fitting.update(1, fit.single_batch)
+        for _ in range(fit.window_updates):
+            window = self._fitting.update(fit.window, fit.window_batch)
+        self._in_round = (self._in_round + 1) % self._settings.round
+        if self._in_round == 0:
+            self._settle()
+        return {"model/single_loss": float(single), "model/window_loss": float(window), **self._figures}
+
+    @property
+    def _progress(self) -> float:
+        return self._redrawn / self._iterations
+
+    def _hand_over(self) -> None:
+        """Both sides are idle: the world model goes there, the averaged policy comes here."""
+        self._handed_over.load_state_dict(self._fitting.model.state_dict())
+        self._acting.load_state_dict(self._actor.state_dict())
+
+    def _handed(self) -> tuple[int, int, Tensor]:
+        """What may be sampled, and where robots fail."""
+        return self._ring.next, self._ring.count, self._env.command.hard()
+
+    def _settle(self) -> None:
+        """Wait for the policy's side."""
+        if self._under_way:
+            self._figures, self._under_way = self._partner.finish(), False
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        self._settle()
+        self._partner.begin(method, *arguments)
+        return self._partner.finish()
+
+    def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
+        """See the protocol."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """End the other process."""
+        self._settle()
+        self._partner.close()
+
+    def state_dict(self) -> dict[str, Any]:
+        """See the protocol."""
+        return {
+            "policy": self._call("state_dict"),
+            "fitting": self._fitting.state_dict(),
+            "ring": self._ring.state_dict(),
+            "acting": self._acting.state_dict(),
+            "handed_over": self._handed_over.state_dict(),
+            "noise": self._noise,
+            "segment": self._segment,
+            "counters": [self._fitted, self._in_round, self._redrawn],
+            "figures": self._figures,
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """See the protocol."""
+        self._call("load_state_dict", state["policy"])
+        self._fitting.load_state_dict(state["fitting"])
+        self._ring.load_state_dict(state["ring"])
+        self._acting.load_state_dict(state["acting"])
+        self._handed_over.load_state_dict(state["handed_over"])
+        self._noise, self._segment = state["noise"].clone(), state["segment"].clone()
+        self._fitted, self._in_round, self._redrawn = state["counters"]
+        self._figures = dict(state["figures"])
+        self._generator.set_state(state["generator"])
+
+
+class PolicySide:
+    """What the learner's partner carries out: policy learning on a ring whose end is told with each call."""
+
+    def __init__(self, learning: PolicyLearning, ring: Ring) -> None:
+        self._learning, self._ring = learning, ring
+
+    def normalize(self, following: int, count: int, hard: Tensor) -> None:
+        """See :meth:`PolicyLearning.normalize`."""
+        self._ring.next, self._ring.count = following, count
+        self._learning.normalize(hard)
+
+    def round(self, following: int, count: int, hard: Tensor) -> dict[str, float]:
+        """See :meth:`PolicyLearning.round`."""
+        self._ring.next, self._ring.count = following, count
+        return self._learning.round(hard)
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :meth:`PolicyLearning.state_dict`."""
+        return self._learning.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :meth:`PolicyLearning.load_state_dict`."""
+        self._learning.load_state_dict(state)

@@ -1,0 +1,126 @@
+"""The network of world model, policy and critic: an MLP whose products may be in bf16, masters in fp32."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+INPUT_CLIP, EXTRA_CLIP = 12.0, 8.0
+
+
+class _Weights(NamedTuple):
+    """Weights and biases in the format of the products, for one pass and the gradients of it."""
+
+    first: tuple[Tensor, Tensor]
+    extra: Tensor | None
+    hidden: list[tuple[Tensor, Tensor]]
+    output: tuple[Tensor, Tensor]
+
+
+class Network(nn.Module):
+    """SiLU layers on normalised inputs (N, inputs) and, where there are any, extras (N, extras).
+
+    Extras are what does not depend on the state: they are encoded in one batch for a whole rollout. What is normalised
+    by is set once, by :meth:`normalize_by`.
+
+    Args:
+        inputs: size of the input.
+        extras: size of the extras, 0 for none.
+        hidden: sizes of the layers.
+        outputs: size of the output.
+        generator: source of the initial weights.
+        precision: ``bf16`` or ``fp32``, of the products.
+        output_gain: factor on the initial output layer.
+        exact: whether the first layer sees more of its input than bf16 holds: as a sum of two numbers.
+    """
+
+    mean: Tensor
+    std: Tensor
+    extra_mean: Tensor
+    extra_std: Tensor
+
+    def __init__(
+        self,
+        inputs: int,
+        extras: int,
+        hidden: Sequence[int],
+        outputs: int,
+        *,
+        generator: torch.Generator,
+        precision: str,
+        output_gain: float = 1.0,
+        exact: bool = False,
+    ) -> None:
+        super().__init__()
+        first, *others = hidden
+        self.first = _linear(inputs, first, generator, fan_in=inputs + extras)
+        self.extra = _linear(extras, first, generator, fan_in=inputs + extras, bias=False) if extras else None
+        self.hidden = nn.ModuleList(_linear(a, b, generator) for a, b in pairwise([first, *others]))
+        self.output = _linear(hidden[-1], outputs, generator, gain=output_gain)
+        for name, size in (("mean", inputs), ("extra_mean", extras)):
+            self.register_buffer(name, torch.zeros(size))
+        for name, size in (("std", inputs), ("extra_std", extras)):
+            self.register_buffer(name, torch.ones(size))
+        self.low_precision, self._exact = precision == "bf16", exact
+        self._weights: _Weights | None = None
+
+    @torch.no_grad()
+    def normalize_by(self, inputs: Tensor, extras: Tensor | None = None, least_std: float = 1e-3) -> None:
+        """Take means and spreads of samples (N, ·); no spread counts as less than ``least_std``."""
+        self.mean.copy_(inputs.mean(0))
+        self.std.copy_(inputs.std(0).clamp(min=least_std))
+        if extras is not None:
+            self.extra_mean.copy_(extras.mean(0))
+            self.extra_std.copy_(extras.std(0).clamp(min=least_std))
+
+    def prepare(self) -> None:
+        """Read the weights as they are now; to be called before the passes of an update, and after each change."""
+        kind = torch.bfloat16 if self.low_precision else torch.float32
+
+        def pair(layer: nn.Linear) -> tuple[Tensor, Tensor]:
+            return layer.weight.to(kind), layer.bias.to(kind)
+
+        extra = None if self.extra is None else self.extra.weight.to(kind)
+        hidden = [pair(layer) for layer in self.hidden if isinstance(layer, nn.Linear)]
+        self._weights = _Weights(pair(self.first), extra, hidden, pair(self.output))
+
+    def encode(self, extras: Tensor) -> Tensor:
+        """What :meth:`forward` takes of extras (N, extras)."""
+        assert self._weights is not None and self._weights.extra is not None, "prepare() comes first"
+        x = ((extras - self.extra_mean) / self.extra_std).clamp(-EXTRA_CLIP, EXTRA_CLIP)
+        return functional.linear(x.to(self._weights.extra.dtype), self._weights.extra)
+
+    def forward(self, inputs: Tensor, encoded: Tensor | None = None) -> Tensor:
+        """(N, inputs) and encoded extras → (N, outputs) float32."""
+        weights = self._weights
+        assert weights is not None, "prepare() comes first"
+        x = torch.addcmul(-self.mean / self.std, inputs, 1.0 / self.std).clamp(-INPUT_CLIP, INPUT_CLIP)
+        coarse = x.to(weights.first[0].dtype)
+        h = functional.linear(coarse, *weights.first)
+        if self._exact and self.low_precision:
+            # No gradient passes this part: the coarse one has it already.
+            rest = (x.detach() - coarse.detach().float()).bfloat16()
+            h = h + functional.linear(rest, weights.first[0].detach())
+        if encoded is not None:
+            h = h + encoded
+        h = functional.silu(h)
+        for layer in weights.hidden:
+            h = functional.silu(functional.linear(h, *layer))
+        return functional.linear(h, *weights.output).float()
+
+
+def _linear(
+    inputs: int, outputs: int, generator: torch.Generator, *, gain: float = 1.0, fan_in: int = 0, bias: bool = True
+) -> nn.Linear:
+    """Weights uniform in ± gain/sqrt(fan_in), by default of ``inputs``; biases zero."""
+    layer = nn.utils.skip_init(nn.Linear, inputs, outputs, bias=bias)
+    bound = gain / math.sqrt(fan_in or inputs)
+    with torch.no_grad():
+        layer.weight.uniform_(-bound, bound, generator=generator)
+        if bias:
+            layer.bias.zero_()
+    return layer

@@ -1,0 +1,91 @@
+"""An object that works beside this process: in another one that shares its tensors' memory, or, in turn, in this."""
+
+import multiprocessing
+import os
+import signal
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+
+class Partner(Protocol):
+    """Calls methods of an object; only one call is under way at a time."""
+
+    def begin(self, method: str, *arguments: Any) -> None:
+        """Begin a call. Arguments and results are copied, but for what was shared before."""
+        ...
+
+    def finish(self) -> Any:
+        """Wait for the call's result. RuntimeError where it raised or its process has ended."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class InTurn:
+    """In this process: a call runs when its result is asked for."""
+
+    def __init__(self, target: object) -> None:
+        self._target = target
+        self._call: tuple[str, tuple[Any, ...]] = "", ()
+
+    def begin(self, method: str, *arguments: Any) -> None:
+        """See :class:`Partner`."""
+        self._call = method, arguments
+
+    def finish(self) -> Any:
+        """See :class:`Partner`."""
+        method, arguments = self._call
+        return getattr(self._target, method)(*arguments)
+
+    def close(self) -> None:
+        """See :class:`Partner`."""
+
+
+class Beside:
+    """In a forked process, which ends with this one, whatever ends it."""
+
+    def __init__(self, target: object) -> None:
+        fork = multiprocessing.get_context("fork")
+        self._pipe, its = fork.Pipe()
+        self._process = fork.Process(target=_serve, args=(target, its, self._pipe), daemon=True)
+        self._process.start()
+        its.close()
+
+    def begin(self, method: str, *arguments: Any) -> None:
+        """See :class:`Partner`."""
+        self._pipe.send((method, arguments))
+
+    def finish(self) -> Any:
+        """See :class:`Partner`."""
+        try:
+            failed, result = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise RuntimeError("the process that learns the policy has ended") from error
+        if failed:
+            raise RuntimeError(f"the process that learns the policy failed:\n{result}")
+        return result
+
+    def close(self) -> None:
+        """See :class:`Partner`."""
+        self._pipe.close()
+        self._process.join()
+
+
+def _serve(target: object, pipe: Connection, others: Connection) -> None:
+    """Carry out calls until the other end is closed."""
+    others.close()
+    # Who trains is told to stop, and closes this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            method, arguments = pipe.recv()
+        except (EOFError, OSError):
+            os._exit(0)
+        try:
+            answer: tuple[bool, Any] = False, getattr(target, method)(*arguments)
+        except Exception:
+            answer = True, traceback.format_exc()
+        pipe.send(answer)

@@ -1,0 +1,126 @@
+"""Where imagination begins: in states that simulated robots were in lately, and in noisy reference frames."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from core.rotations import quat_from_rotvec, quat_mul
+from train.mdp.draws import normal
+from train.mdp.failures import BIN_TICKS
+from train.mdp.tick import ReferenceTable
+from train.world_model.ring import Ring
+from train.world_model.settings import StartsSettings
+from train.world_model.state import Motion, reference_motion, unpack
+
+# Standard deviations of what is added to a reference frame: m, rad, m/s, rad/s, rad, rad/s.
+PLACE_NOISE_M = (0.05, 0.05, 0.005)
+NOISE = {"tilt": 0.05, "lin_vel": 0.15, "ang_vel": 0.3, "joint_pos": 0.04, "joint_vel": 0.5}
+
+
+@dataclass(frozen=True)
+class Start:
+    """Of N robots.
+
+    Attributes:
+        motion: their states.
+        past: their states of the last L ticks before, newest first; what an episode lacks repeats its first.
+        past_targets: (N, J) each, the targets of those ticks and of the one before them, newest first.
+        age: (N,) steps since their episodes began, which tells how much of the past there is.
+        clip, tick: (N,) what they track, and where in it they are.
+        context: (N, C + 6) packed.
+    """
+
+    motion: Motion
+    past: tuple[Motion, ...]
+    past_targets: tuple[Tensor, ...]
+    age: Tensor
+    clip: Tensor
+    tick: Tensor
+    context: Tensor
+
+
+class Starts:
+    """Draws starts.
+
+    Args:
+        settings: shares and noise.
+        ring: what simulated robots did.
+        table: the references.
+        past: L.
+        generator: source of randomness.
+    """
+
+    def __init__(
+        self, settings: StartsSettings, ring: Ring, table: ReferenceTable, past: int, generator: torch.Generator
+    ) -> None:
+        self._settings, self._ring, self._table, self._past = settings, ring, table, past
+        self.generator = generator
+
+    def draw(self, number: int, hard: Tensor) -> Start:
+        """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
+        ring, settings = self._ring, self._settings
+        newest = settings.newest_steps // ring.num_envs
+        times, robots = ring.sample(number, 0, newest, self.generator)
+        now = ring.at(times[0], robots)
+        past = [(times[0] - torch.clamp(now.age, max=lag)) % ring.steps for lag in range(1, self._past + 1)]
+        states = [unpack(torch.nan_to_num(ring.states(at, robots))) for at in past]
+        before = [ring.targets((times[0] - lag) % ring.steps, robots) for lag in range(1, self._past + 2)]
+        start = Start(
+            unpack(torch.nan_to_num(now.state)), tuple(states), tuple(before), now.age, now.clip, now.tick, now.context
+        )
+        return self._anchored(self._with_references(start, round(settings.reference_share * number), hard))
+
+    def _with_references(self, start: Start, number: int, hard: Tensor) -> Start:
+        """The first ``number`` begin episodes in noisy reference frames instead, half of them where robots fail."""
+        clip, tick = self._frames(number, hard)
+        rows = self._table.rows(clip, tick)
+        frames = self._noisy(reference_motion(rows), rows.lift_m)
+
+        def changed(values: Tensor, new: Tensor) -> Tensor:
+            return torch.cat([new, values[number:]])
+
+        return replace(
+            start,
+            motion=Motion(*map(changed, start.motion, frames)),
+            age=changed(start.age, torch.zeros_like(tick)),
+            clip=changed(start.clip, clip),
+            tick=changed(start.tick, tick),
+        )
+
+    def _frames(self, number: int, hard: Tensor) -> tuple[Tensor, Tensor]:
+        """Clips and ticks (n,): half by ``hard``, half from anywhere in the set."""
+        g, num_ticks = self.generator, self._table.num_ticks
+        failing = number // 2
+        chosen = torch.multinomial(hard.flatten(), failing, replacement=True, generator=g)
+        inside = torch.randint(BIN_TICKS, (failing,), generator=g)
+        clip, tick = chosen // hard.shape[1], (chosen % hard.shape[1]) * BIN_TICKS + inside
+        anywhere = torch.multinomial(num_ticks.float(), number - failing, replacement=True, generator=g)
+        at = (torch.rand(number - failing, generator=g) * num_ticks[anywhere]).long()
+        clip, tick = torch.cat([clip, anywhere]), torch.cat([tick, at])
+        return clip, torch.minimum(tick, num_ticks[clip] - 1)
+
+    def _noisy(self, frames: Motion, lift_m: Tensor) -> Motion:
+        def off(values: Tensor, std: float) -> Tensor:
+            return values + normal(values.shape, std, self.generator, values.device)
+
+        place = normal(frames.pos_w.shape, 1.0, self.generator, frames.pos_w.device) * torch.tensor(PLACE_NOISE_M)
+        place[:, 2] += lift_m
+        tilt = quat_from_rotvec(normal(frames.pos_w.shape, NOISE["tilt"], self.generator, frames.pos_w.device))
+        return Motion(
+            frames.pos_w + place,
+            quat_mul(frames.quat_wxyz, tilt),
+            off(frames.lin_vel_b, NOISE["lin_vel"]),
+            off(frames.ang_vel_b, NOISE["ang_vel"]),
+            off(frames.joint_pos_rad, NOISE["joint_pos"]),
+            off(frames.joint_vel_rad_s, NOISE["joint_vel"]),
+        )
+
+    def _anchored(self, start: Start) -> Start:
+        """Moved along the ground to within ``place_m`` of the reference: a robot can know nothing of its place."""
+        there = self._table.rows(start.clip, start.tick).root_pos_w[:, :2]
+        off = start.motion.pos_w[:, :2] - there
+        most = self._settings.place_m
+        near = there + off * (most / off.norm(dim=1, keepdim=True).clamp(min=most))
+        pos = torch.cat([near, start.motion.pos_w[:, 2:]], dim=1)
+        return replace(start, motion=start.motion._replace(pos_w=pos))
