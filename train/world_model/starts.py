@@ -59,17 +59,21 @@ class Starts:
 
     def draw(self, number: int, hard: Tensor) -> Start:
         """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
-        ring, settings = self._ring, self._settings
-        newest = settings.newest_steps // ring.num_envs
-        times, robots = ring.sample(number, 0, newest, self.generator)
-        now = ring.at(times[0], robots)
-        past = [(times[0] - torch.clamp(now.age, max=lag)) % ring.steps for lag in range(1, self._past + 1)]
+        newest = self._settings.newest_steps // self._ring.num_envs
+        times, robots = self._ring.sample(number, 0, newest, self.generator)
+        start = self.of(times[0], robots)
+        return self._anchored(self._with_references(start, round(self._settings.reference_share * number), hard))
+
+    def of(self, times: Tensor, robots: Tensor) -> Start:
+        """What robots (n,) were in at places in time (n,)."""
+        ring = self._ring
+        now = ring.at(times, robots)
+        past = [(times - torch.clamp(now.age, max=lag)) % ring.steps for lag in range(1, self._past + 1)]
         states = [unpack(torch.nan_to_num(ring.states(at, robots))) for at in past]
-        before = [ring.targets((times[0] - lag) % ring.steps, robots) for lag in range(1, self._past + 2)]
-        start = Start(
+        before = [ring.targets((times - lag) % ring.steps, robots) for lag in range(1, self._past + 2)]
+        return Start(
             unpack(torch.nan_to_num(now.state)), tuple(states), tuple(before), now.age, now.clip, now.tick, now.context
         )
-        return self._anchored(self._with_references(start, round(settings.reference_share * number), hard))
 
     def _with_references(self, start: Start, number: int, hard: Tensor) -> Start:
         """The first ``number`` begin episodes in noisy reference frames instead, half of them where robots fail."""

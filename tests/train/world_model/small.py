@@ -1,0 +1,47 @@
+"""A learner so small that a round takes a moment: eight robots on one short bundled clip, fp32."""
+
+import torch
+
+from motion.library import open_motion
+from motion.reference import build_reference
+from robot.robot import load_robot
+from train.config import check, compose_document
+from train.mdp.factory import build_environment
+from train.mdp.tracking import CONTROL_PERIOD_S
+from train.world_model.build import build_world_model_learner
+
+SMALL = [
+    "motion=side_kick", "train=tracker", "precision=fp32", "threads=1", "num_envs=8", "iterations=12",
+    "world_model.capacity=1600", "world_model.starts.newest_steps=400", "world_model.fitting.hidden=[32,32]",
+    "world_model.policy.hidden=[32,32]", "world_model.critic.hidden=[16,16]", "world_model.critic.batch=32",
+    "world_model.critic.counts_from=1", "world_model.imagination.horizon=8", "world_model.imagination.batch=16",
+    "world_model.fitting.warm_up_steps=320", "world_model.fitting.warm_up_single=20",
+    "world_model.fitting.warm_up_window=20", "world_model.fitting.warm_up_length=4", "world_model.fitting.window=6",
+    "world_model.fitting.single_batch=64", "world_model.fitting.window_batch=16", "world_model.collect.redraw_every=14",
+]  # fmt: skip
+
+
+def small(*overrides: str):
+    """Environment and learner of SMALL with further overrides."""
+    torch.set_num_threads(1)
+    config = check(compose_document([*SMALL, *overrides]))
+    robot = load_robot()
+    clip = open_motion("side_kick", robot)
+    env = build_environment(
+        config.environment, robot, build_reference(clip, robot, CONTROL_PERIOD_S), num_envs=config.num_envs,
+        seed=config.seed, threads=1,
+    )  # fmt: skip
+    return env, build_world_model_learner(config, env, robot)
+
+
+def iterate(env, learner, observations, iterations):
+    """What a runner does; returns the last observations and the figures of each iteration."""
+    rows = []
+    for _ in range(iterations):
+        for _ in range(learner.horizon):
+            result = env.step(learner.act(observations))
+            learner.record(result)
+            observations = result.observations
+        rows.append(learner.update(observations))
+        env.finish_iteration()
+    return observations, rows

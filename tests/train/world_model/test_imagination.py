@@ -1,0 +1,142 @@
+"""What is imagined is what the environment does: observations, actions, targets, delays, torques."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from policy.action import decode_action
+from robot.robot import load_robot
+from tests.train.world_model.small import iterate, small
+from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
+from train.simulation.domain import nominal_domain
+from train.world_model.context import context_of, packed_context
+from train.world_model.cost import terms_of, total
+from train.world_model.state import motion_of, pack, unpack
+
+ROBOT = load_robot()
+QUIET = "environment.observation_noise={base_ang_vel: 0.0, projected_gravity: 0.0, dof_pos: 0.0, dof_vel: 0.0}"
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Environment, learner after some steps without sensor noise, the observations, and the policy's side."""
+    env, learner = small("world_model.processes=1", QUIET)
+    observations, _ = iterate(env, learner, env.reset(), 13)
+    learner.act(observations)  # remembers the present moment
+    return env, learner, observations, learner._partner._target._learning
+
+
+@pytest.fixture(scope="module")
+def start(parts):
+    """All robots at the newest remembered moment."""
+    env, learner, _, learning = parts
+    ring, robots = learner._ring, torch.arange(env.num_envs)
+    learning._starts._ring.next, learning._starts._ring.count = ring.next, ring.count
+    return learning._starts.of(torch.full((env.num_envs,), (ring.next - 1) % ring.steps), robots)
+
+
+def test_at_a_start_the_policy_sees_what_the_environments_actor_sees(parts, start):
+    env, _, observations, learning = parts
+    state, ahead, motion, _, _ = learning._imagination.first_sight(start)
+    seen = torch.cat([state, ahead], dim=1)
+    assert (seen - observations["actor"]).abs().max() < 1e-5
+    assert (pack(motion) - pack(motion_of(env.state.physics))).abs().max() < 1e-6
+
+
+def test_the_imagined_torque_is_that_of_the_exported_policys_action(parts, start):
+    env, learner, observations, learning = parts
+    learning._model.prepare()
+    learning.averaged.prepare()
+    rollout = learning._imagination.play(learning.averaged, learning._model, start, noisy=False)
+    action = learner._actor(observations["actor"]).double()
+    targets = decode_action(action, env.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
+    kp, kd, limit = (torch.tensor(values) for values in (ROBOT.kp, ROBOT.kd, ROBOT.torque_limit_nm))
+    motion = motion_of(env.state.physics)
+    torque = kp * (targets - motion.joint_pos_rad) - kd * motion.joint_vel_rad_s
+    assert (rollout.imagined.torque_share[0] - torque / limit).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.01, 0.02, 0.03, 0.04])
+def test_the_targets_that_act_are_those_of_the_simulator(delay_s):
+    """Whose queue is told of three steps with the targets 1, 2 and 3."""
+    randomization = f"environment.randomization.delay_s=[{delay_s},{delay_s}]"
+    env, _ = small("world_model.processes=1", randomization, "environment.randomization.nominal_share=0.0")
+    simulator = env.simulator
+    given = [torch.full((env.num_envs, env.num_actions), float(k)) for k in (1, 2, 3)]
+    env.reset()
+    for target in given:
+        simulator.step(target)
+    sent = simulator._control[0, :, 0]  # what each sub-step was told
+    packed = packed_context(simulator.domain, simulator.delay_s, 4, CONTROL_PERIOD_S)
+    context = context_of(packed, env.num_actions)
+    newest_first = torch.tensor([3.0, 2.0, 1.0])
+    assert float(context.early[0] @ newest_first) == pytest.approx(float(sent[:2].mean()), abs=1e-6)
+    assert float(context.late[0] @ newest_first) == pytest.approx(float(sent[2:].mean()), abs=1e-6)
+
+
+def test_the_torque_that_the_model_is_told_is_mujocos(parts):
+    """In the first sub-step of a joint at rest: the motor's torque over its limit, with the robot's own gains."""
+    env, _ = small(
+        "world_model.processes=1", "environment.simulation.substeps=1", "environment.randomization.delay_s=[0,0]"
+    )
+    learner = parts[1]
+    env.reset()
+    motion = motion_of(env.simulator.state())
+    targets = motion.joint_pos_rad + 0.3
+    domain = env.simulator.domain
+    context = context_of(packed_context(domain, env.simulator.delay_s, 1, CONTROL_PERIOD_S), env.num_actions)
+    env.simulator.step(targets)
+    inputs = learner._fitting.model.inputs(motion, torch.zeros(env.num_envs, 3), (targets,) * 3, context)
+    share = inputs[:, -2 * env.num_actions : -env.num_actions]
+    assert (share - env.simulator.state().torque_nm / torch.tensor(ROBOT.torque_limit_nm)).abs().max() < 1e-4
+
+
+def test_the_gradient_is_that_of_finite_differences():
+    """Of the whole imagined cost with the critic's value, along a direction of a layer of the policy."""
+    env, learner = small("world_model.processes=1", QUIET)
+    iterate(env, learner, env.reset(), 13)
+    learning = learner._partner._target._learning
+    start = learning._starts.draw(16, env.command.hard())
+    weight = learning.policy.network.hidden[0].weight
+
+    def loss():
+        learning._imagination.generator.manual_seed(5)
+        for module in (learning.policy, learning._model, learning.critic.averaged):
+            module.prepare()
+        rollout = learning._imagination.play(learning.policy, learning._model, start, noisy=True)
+        return learning._loss(rollout, total(terms_of(rollout.imagined, learning.settings.cost), 20.0))
+
+    learning.updates = 10
+    learning.optimizer.zero_grad()
+    loss().backward()
+    gradient = weight.grad.clone()
+    direction = gradient / gradient.norm()
+    step = 0.03
+    with torch.no_grad():
+        weight += step * direction
+        above = float(loss())
+        weight -= 2 * step * direction
+        below = float(loss())
+    assert (above - below) / (2 * step) == pytest.approx(float(gradient.norm()), rel=0.05)
+
+
+def test_what_is_constant_comes_back_from_half_precision(parts):
+    env = parts[0]
+    domain = dataclasses.replace(nominal_domain(2, ROBOT), kp_scale=torch.full((2, 23), 0.93))
+    packed = packed_context(domain, torch.tensor([0.013, 0.04]), 4, CONTROL_PERIOD_S).half().float()
+    context = context_of(packed, env.num_actions)
+    assert context.kp_scale.flatten().tolist() == pytest.approx([0.93] * 46, rel=5e-4)
+    assert torch.equal(context.early.sum(dim=1), torch.ones(2)) and torch.equal(context.late.sum(dim=1), torch.ones(2))
+
+
+def test_a_robot_that_is_lost_stays_lost(parts):
+    env, _, _, learning = parts
+    start = learning._starts.draw(16, env.command.hard())
+    fallen = unpack(pack(start.motion))
+    fallen = fallen._replace(pos_w=fallen.pos_w - torch.tensor([0.0, 0.0, 0.6]))
+    learning._model.prepare()
+    learning.averaged.prepare()
+    play = learning._imagination.play
+    alive = play(learning.averaged, learning._model, dataclasses.replace(start, motion=fallen), noisy=False).alive
+    assert alive[0].sum() == 0.0 and alive.sum() == 0.0

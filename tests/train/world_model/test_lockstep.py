@@ -1,0 +1,53 @@
+"""The numbers do not depend on who is faster, nor on whether the run was interrupted."""
+
+import pytest
+import torch
+
+from tests.train.world_model.small import iterate, small
+from train.checkpoint import load_state, save_state
+
+WARM_UP = 12  # iterations of collecting and fitting before the first round
+ROUNDS = 5
+
+
+def run(*overrides, iterations):
+    env, learner = small(*overrides)
+    _, rows = iterate(env, learner, env.reset(), iterations)
+    weights = {name: value.clone() for name, value in learner.weights.items()}
+    learner.close()
+    return rows, weights
+
+
+def same(first, second):
+    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_two_processes_give_the_numbers_of_one():
+    alone_rows, alone = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
+    beside_rows, beside = run("world_model.processes=2", iterations=WARM_UP + ROUNDS)
+    assert alone_rows == beside_rows
+    assert same(alone, beside)
+    assert any("imagined/cost" in row for row in alone_rows)
+
+
+@pytest.mark.parametrize("at", [3, WARM_UP + 1, WARM_UP + 2], ids=["warm-up", "within a round", "between rounds"])
+def test_a_continued_run_goes_on_to_the_same_numbers(at, tmp_path):
+    env, learner = small("world_model.processes=1")
+    observations, _ = iterate(env, learner, env.reset(), at)
+    saved = save_state({"env": env.state_dict(), "learner": learner.state_dict(), "observations": dict(observations)})
+    _, wanted = iterate(env, learner, observations, ROUNDS)
+
+    env, learner = small("world_model.processes=1")
+    state = load_state(saved, tmp_path)
+    learner.load_state_dict(state["learner"])
+    env.load_state_dict(state["env"])
+    _, rows = iterate(env, learner, state["observations"], ROUNDS)
+    assert rows == wanted
+
+
+def test_who_learns_the_policy_is_missed_when_it_has_ended():
+    env, learner = small("world_model.processes=2")
+    observations, _ = iterate(env, learner, env.reset(), WARM_UP)
+    learner._partner._process.kill()
+    with pytest.raises(RuntimeError, match="process that learns the policy has ended"):
+        iterate(env, learner, observations, 2)
