@@ -6,6 +6,7 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.settings import EntrySettings
 from motion.clip import clip_from_bytes
+from motion.clip_set import NamedClip
 from motion.feedforward import with_feedforward
 from motion.library import open_motion
 from motion.reference import build_reference, joint_columns
@@ -16,12 +17,14 @@ from robot.robot import Robot
 from world.scene import Scene
 
 
-def load_run(policy: str | Path, motion: str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
+def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
     """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit."""
-    clip = None if motion is None else open_motion(motion, robot)
-    info = None
-    if clip is not None:
-        info = motion_info(clip, Path(str(motion)).stem, clip.joint_pos_rad[0, joint_columns(clip, robot)])
+    if isinstance(motion, str | Path):
+        motion = NamedClip(Path(motion).stem, open_motion(motion, robot))
+    clip, info = None, None
+    if motion is not None:
+        clip = motion.clip
+        info = motion_info(clip, motion.name, clip.joint_pos_rad[0, joint_columns(clip, robot)])
     actor = load_actor(policy, robot, info)
     if clip is None and actor.motion_npz is not None:
         clip = clip_from_bytes(actor.motion_npz, f"{actor.path}: motion")

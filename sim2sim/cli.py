@@ -14,7 +14,7 @@ from sim2sim.player import Player
 from sim2sim.progress import Progress
 from sim2sim.request import EvaluationRequest
 from sim2sim.stress import load_conditions, stress, stress_document, stress_table
-from sim2sim.table import format_table
+from sim2sim.table import clip_table, format_table
 from world.model import check_meshes
 
 Writer = Callable[[Evaluation], None]
@@ -26,7 +26,13 @@ def build_parser() -> ArgumentParser:
     parser = ArgumentParser("sim2sim/evaluate", description="Score actors in simulation.", allow_abbrev=False)
     add = parser.add_argument
     add("--policy", action="append", required=True, metavar="NAME|FILE", help="actor; give several to compare them")
-    add("--motion", metavar="FILE", help="clip for an actor that carries none")
+    add(
+        "--motion",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="clip for an actor that carries none, a folder of clips, or a manifest; give several for a row each",
+    )
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
     add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")
@@ -55,7 +61,7 @@ def request_of(options: argparse.Namespace) -> EvaluationRequest:
     """The parsed options as a request, in SI units."""
     return EvaluationRequest(
         policies=tuple(options.policy),
-        motion=options.motion,
+        motions=tuple(options.motion),
         sim=options.sim,
         sim_model=options.sim_model,
         start=options.start,
@@ -108,7 +114,7 @@ def _stress(options: argparse.Namespace) -> None:
 
 def _played(request: EvaluationRequest) -> Evaluation:
     player = Player(request)
-    progress = Progress(request.episodes * len(request.policies))
+    progress = Progress(request.episodes * len(player.runs))
     evaluation = evaluate(player, progress)
     progress.end()
     return evaluation
@@ -118,7 +124,8 @@ def _run(request: EvaluationRequest, writers: Sequence[Writer]) -> None:
     started_s = time.monotonic()
     evaluation = _played(request)
     print(f"{request.episodes} episodes each, simulation {request.sim}, {time.monotonic() - started_s:.1f} s")
-    print(format_table([run.document for run in evaluation.runs], [run.name for run in evaluation.runs]))
+    table = clip_table if len(evaluation.player.clips) > 1 else format_table
+    print(table([run.document for run in evaluation.runs], [run.name for run in evaluation.runs]))
     print(*evaluation.remarks(), sep="\n")
     for write in writers:
         write(evaluation)

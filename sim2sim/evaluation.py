@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from sim2sim.aggregate import run_document, worst_frame
@@ -14,7 +13,7 @@ from sim2sim.request import EvaluationRequest
 
 @dataclass(frozen=True)
 class Run:
-    """One policy's episodes in order; `document` is its JSON object."""
+    """The episodes of one policy with one clip, in order; `document` is their JSON object."""
 
     name: str
     episodes: Sequence[EpisodeScore]
@@ -30,7 +29,7 @@ class Evaluation:
     runs: Sequence[Run]
 
     def document(self) -> dict[str, Any]:
-        """The JSON document: the run itself, or `{"runs": [...]}` for several policies."""
+        """The JSON document: the run itself, or `{"runs": [...]}` for several."""
         documents = [run.document for run in self.runs]
         return documents[0] if len(documents) == 1 else {"runs": documents}
 
@@ -55,20 +54,10 @@ def evaluate(
 ) -> Evaluation:
     """Play every policy of the player's request in the same episodes. workers: None for one a core."""
     request = player.request
-    jobs = [(policy, episode) for episode in range(request.episodes) for policy in range(len(request.policies))]
+    jobs = [(run, episode) for episode in range(request.episodes) for run in range(len(player.runs))]
     scores = play_all(player, jobs, on_done, default_workers(len(jobs)) if workers is None else workers)
     runs = []
-    for index, name in enumerate(run_names(request.policies)):
+    for index, (name, run) in enumerate(zip(player.names(), player.runs, strict=True)):
         episodes = [scores[index, episode] for episode in range(request.episodes)]
-        actor = player.actors[index]
-        runs.append(Run(name, episodes, run_document(actor.sha256, player.motion_name(index), request.sim, episodes)))
+        runs.append(Run(name, episodes, run_document(run.actor.sha256, run.name, request.sim, episodes)))
     return Evaluation(request, player, runs)
-
-
-def run_names(policies: Sequence[str]) -> list[str]:
-    """Names for tables: a bundled name as it is, of a file its folder and name; numbered where two are the same."""
-    short = ["/".join(Path(policy).parts[-2:]) for policy in policies]
-    return [
-        name if short.count(name) == 1 else f"{name} ({1 + short[:index].count(name)})"
-        for index, name in enumerate(short)
-    ]

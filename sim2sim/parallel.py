@@ -11,7 +11,7 @@ from sim2sim.episode import EpisodeScore
 from sim2sim.player import Player
 from sim2sim.request import EvaluationRequest
 
-Job = tuple[int, int]  # index of the policy, index of the episode
+Job = tuple[int, int]  # index of the run, index of the episode
 
 
 def default_workers(num_jobs: int) -> int:

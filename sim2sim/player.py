@@ -1,5 +1,8 @@
 """Plays the episodes of a request: one simulated robot per policy, the same chance for all of them."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
 from core.clock import SimulatedClock
@@ -9,8 +12,9 @@ from deploy.actors import load_run
 from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
-from policy.actor import Actor
-from robot.robot import load_robot
+from motion.clip_set import MANIFEST_ENDINGS, NamedClip, open_clip_set
+from motion.library import open_motion
+from robot.robot import Robot, load_robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.request import EvaluationRequest
 
@@ -26,28 +30,32 @@ class Player:
         self._settings = load_settings()
         self._kinematics = self.robot.kinematics
         entry = self._settings.entry
-        self._runs = [load_run(policy, request.motion, self.robot, entry) for policy in request.policies]
+        self.clips = clips_of(request.motions, self.robot)
+        self.runs = [
+            load_run(policy, clip, self.robot, entry) for policy in request.policies for clip in self.clips or (None,)
+        ]
         self._stand = load_run(STAND_ACTOR, None, self.robot, entry) if request.start == "stand" else None
-        periods = {run.period_s for run in (*self._runs, *([self._stand] if self._stand else []))}
+        periods = {run.period_s for run in (*self.runs, *([self._stand] if self._stand else []))}
         if len(periods) > 1:
             raise InputError("actors of different control periods cannot be compared", got=f"{sorted(periods)} s")
         self.period_s = periods.pop()
-        self._rigs = [self._rig(run) for run in self._runs]
+        self._rigs: dict[int, EpisodeRig] = {}
 
-    @property
-    def actors(self) -> list[Actor]:
-        """The actors in the order of the request."""
-        return [run.actor for run in self._runs]
+    def names(self) -> list[str]:
+        """Of the runs, for tables: of policies, of clips, or of both, whatever there are several of."""
+        policies = run_names(self.request.policies)
+        clips = [clip.name for clip in self.clips]
+        if len(clips) < 2:
+            return policies
+        return clips if len(policies) == 1 else [f"{policy}, {clip}" for policy in policies for clip in clips]
 
-    def motion_name(self, policy: int) -> str:
-        """The clip that a policy tracks."""
-        return self._runs[policy].name
-
-    def play(self, policy: int, episode: int) -> EpisodeScore:
-        """One episode of one policy; depends on nothing that was played before."""
+    def play(self, run: int, episode: int) -> EpisodeScore:
+        """One episode of one actor with one clip; depends on nothing that was played before."""
         request = self.request
+        if run not in self._rigs:
+            self._rigs[run] = self._rig(self.runs[run])
         result = run_episode(
-            self._rigs[policy],
+            self._rigs[run],
             request.generator(episode),
             start=Start(request.start),
             start_noise_rad=request.start_noise_rad,
@@ -76,6 +84,25 @@ class Player:
             stand=self._stand,
             report_only=options.report_only,
         )
+
+
+def clips_of(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
+    """The clips by names, in files, in folders and in manifests. InputError where one is none."""
+    clips: list[NamedClip] = []
+    for motion in motions:
+        is_set = Path(motion).is_dir() or Path(motion).suffix in MANIFEST_ENDINGS
+        found = open_clip_set(motion, robot) if is_set else (NamedClip(Path(motion).stem, open_motion(motion, robot)),)
+        clips += found
+    return tuple(clips)
+
+
+def run_names(policies: Sequence[str]) -> list[str]:
+    """Names for tables: a bundled name as it is, of a file its folder and name; numbered where two are the same."""
+    short = ["/".join(Path(policy).parts[-2:]) for policy in policies]
+    return [
+        name if short.count(name) == 1 else f"{name} ({1 + short[:index].count(name)})"
+        for index, name in enumerate(short)
+    ]
 
 
 def score_of(result: EpisodeResult) -> EpisodeScore:

@@ -14,12 +14,13 @@ EPISODES_PER_SEED = 1_000_000
 class EvaluationRequest:
     """One evaluation; picklable, so that every worker process builds the same thing from it.
 
-    policies: names or files, all played under the same conditions. friction, delay_s, push_m_s: None for what the
+    policies: names or files, all played under the same conditions. motions: clips, or sets of them, for actors that
+    carry none; each actor plays each clip. friction, delay_s, push_m_s: None for what the
     simulation's file and `randomize` say. start: "reference" begins at the clip's first frame, "stand" on the ground.
     """
 
     policies: tuple[str, ...]
-    motion: str | None = None
+    motions: tuple[str, ...] = ()
     sim: str = "default"
     sim_model: Path | None = None
     start: str = "reference"

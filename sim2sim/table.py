@@ -27,6 +27,36 @@ def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     return "\n".join([*lines, AVERAGING])
 
 
+CLIP_SCORES = ("episode_length_ratio", "eg_mpbpe_mm", "empbpe_mm", "empjpe_mrad")
+
+
+def clip_table(documents: Sequence[Document], names: Sequence[str]) -> str:
+    """One row a clip, and one of their means: episodes completed, their length, errors until their end."""
+    scores = {score.key: score for score in SCORES}
+    labels = [f"{scores[key].label} {scores[key].unit}".strip() for key in CLIP_SCORES]
+    rows = [("clip", "completed %", *labels)]
+    for name, document in zip(names, documents, strict=True):
+        cells = (format_value(document["metrics"].get(key)) for key in CLIP_SCORES)
+        rows.append((name, _survival(document), *cells))
+    rows.append((f"all {len(documents)}", *_means(documents)))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if column else cell.ljust(width) for column, (cell, width) in enumerate(zip(row, widths))
+        )
+        for row in rows
+    )
+
+
+def _means(documents: Sequence[Document]) -> list[str]:
+    """Of the clips, each counting alike."""
+    means = [100.0 * sum(d["survival_rate"] for d in documents) / len(documents)]
+    for key in CLIP_SCORES:
+        known = [d["metrics"][key]["mean"] for d in documents if d["metrics"].get(key)]
+        means.append(sum(known) / len(known) if known else float("nan"))
+    return [f"{means[0]:.1f}", *(format_value({"mean": mean, "std": 0.0}) for mean in means[1:])]
+
+
 def format_value(value: Mapping[str, float] | None) -> str:
     """`12.3 ± 0.4`, the mean alone where nothing deviates from it, or a dash for what cannot be known."""
     if value is None:

@@ -13,8 +13,8 @@ import pytest
 
 from motion.clip import save_clip
 from sim2sim.cli import main
-from sim2sim.evaluation import evaluate, run_names
-from sim2sim.player import Player
+from sim2sim.evaluation import evaluate
+from sim2sim.player import Player, run_names
 from sim2sim.request import EvaluationRequest
 from sim2sim.video import open_stage
 from tests.shared_data import SHARED, needs_shared_data
@@ -239,3 +239,26 @@ def test_bad_input_is_one_line_and_exit_2(
     assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
     assert said in captured.err
     assert captured.out == ""
+
+
+def test_an_actor_of_any_clip_gets_a_row_for_each_of_a_folders_clips(tmp_path, capsys) -> None:
+    """A robot that stands completes the clips of standing, however long; of one that kicks it misses the joints."""
+    actor = write_still_actor(tmp_path / "actor.onnx", any_clip=True)
+    clips = tmp_path / "clips"
+    clips.mkdir()
+    for name, duration_s in (("brief", 0.2), ("longer", 0.4)):
+        save_clip(standing_clip(duration_s), clips / f"{name}.npz")
+    scores = tmp_path / "scores.json"
+    arguments = ["--policy", str(actor), "--motion", str(clips), "--motion", "side_kick", "--json", str(scores)]
+    assert main(arguments) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[0] for row in rows[1:6]] == ["clip", "brief", "longer", "side_kick", "all"]
+    brief, longer, kick = json.loads(scores.read_text())["runs"]
+    assert [run["motion"] for run in (brief, longer, kick)] == ["brief", "longer", "side_kick"]
+    assert brief["survival_rate"] == longer["survival_rate"] == 1.0
+    assert kick["metrics"]["empjpe_mrad"]["mean"] > 5 * longer["metrics"]["empjpe_mrad"]["mean"]
+
+
+def test_an_actor_with_a_motion_of_its_own_refuses_others(still: str, capsys) -> None:
+    assert main(["--policy", still, "--motion", "side_kick"]) == 2
+    assert "leave --motion out" in capsys.readouterr().err

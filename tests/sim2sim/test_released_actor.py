@@ -23,7 +23,7 @@ def released(**conditions: object) -> Player:
     return Player(
         EvaluationRequest(
             (str(FOLDER / "actor_horse_stance_pose" / "model_50000.onnx"),),
-            motion=str(FOLDER / "Horse-stance_pose.pkl"),
+            motions=(str(FOLDER / "Horse-stance_pose.pkl"),),
             sim="reference",
             sim_model=SHARED / "robot" / "g1_23dof_reference.xml",
             **conditions,

@@ -40,7 +40,9 @@ def standing_clip(duration_s: float) -> Clip:
     )
 
 
-def write_still_actor(path: Path, duration_s: float = 0.4, offsets_rad: dict[str, float] | None = None) -> Path:
+def write_still_actor(
+    path: Path, duration_s: float = 0.4, offsets_rad: dict[str, float] | None = None, any_clip: bool = False
+) -> Path:
     """An actor whose target is the default pose plus `offsets_rad`, whatever it observes."""
     action = np.zeros(ROBOT.num_joints, dtype=np.float32)
     for name, offset in (offsets_rad or {}).items():
@@ -67,8 +69,9 @@ def write_still_actor(path: Path, duration_s: float = 0.4, offsets_rad: dict[str
         action_clip=100.0,
         control_period_s=0.02,
         observations=(OBSERVATION,),
-        motion=motion,
+        motion=None if any_clip else motion,
+        follows="any_clip" if any_clip else "clip",
         provenance={},
     )
-    write_metadata(path, spec, clip_to_bytes(clip))
+    write_metadata(path, spec, None if any_clip else clip_to_bytes(clip))
     return path
