@@ -55,6 +55,7 @@ def _of_run(folder: Path) -> Source:
     try:
         learner, iteration = state["learner"], int(state["iteration"])
         networks = {"actor": learner["average"]["weights"], "critic": learner["critic"]}
+        networks |= {"model": learner["fitting"]["model"]} if "fitting" in learner else {}
     except (KeyError, TypeError) as error:
         raise InputError("no state of a run in it", where=paths[-1], expected="a file of train/run.py") from error
     return Source(networks, _lineage(paths[-1], content, iteration))

@@ -35,7 +35,7 @@ class ModelFitting:
         self.optimizer = torch.optim.AdamW(
             model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
         )
-        self._joints = len(model.kp_share)
+        self._joints, self.normalized = len(model.kp_share), False
         self._units = torch.cat([torch.full((n,), u) for n, u in zip(self._sizes(), UNITS, strict=True)])
         self._weights = torch.cat([torch.full((n,), w / n) for n, w in zip(self._sizes(), WEIGHTS, strict=True)])
 
@@ -57,6 +57,7 @@ class ModelFitting:
         targets = (before.target[whole], *queue)
         inputs = model.inputs(motion, projected_gravity(motion.quat_wxyz), targets, context)
         model.network.normalize_by(inputs, context.features)
+        self.normalized = True
 
     def set_rate(self, share: float) -> None:
         """The share of the learning rate that counts from now on."""
@@ -112,6 +113,7 @@ class ModelFitting:
             "model": self.model.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "generator": self._generator.get_state(),
+            "normalized": self.normalized,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -119,3 +121,4 @@ class ModelFitting:
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
+        self.normalized = state["normalized"]

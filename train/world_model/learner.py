@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from policy.action import decode_action
 from train.interface import StepResult
 from train.learner.networks import ActorNetwork
+from train.learner.transfer import copy_weights, misfits
 from train.mdp.draws import normal
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
 from train.world_model.context import packed_context
@@ -117,7 +118,8 @@ class WorldModelLearner:
         if self._fitted == 0 and done < fit.warm_up_steps:
             return {"warm_up": done / fit.warm_up_steps}
         if self._fitted == 0:
-            self._fitting.normalize()
+            if not self._fitting.normalized:
+                self._fitting.normalize()
             self._call("normalize", *self._handed())
         if self._fitted < fit.warm_up_single + fit.warm_up_window:
             return self._warm_up()
@@ -179,8 +181,15 @@ class WorldModelLearner:
         return self._partner.finish()
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
-        """See the protocol."""
-        raise NotImplementedError
+        """See the protocol. What inputs are normalised by comes with the weights; the model is that of a run."""
+        taken: list[str] = self._call("start_from", networks)
+        model, given = self._fitting.model.state_dict(), networks.get("model", {})
+        if given and not misfits(model, given):
+            copy_weights(model, given, "model")
+            self._fitting.normalized = True
+            taken.append("model")
+        self._acting.load_state_dict(self._actor.state_dict())
+        return taken
 
     def close(self) -> None:
         """End the other process."""
@@ -189,8 +198,11 @@ class WorldModelLearner:
 
     def state_dict(self) -> dict[str, Any]:
         """See the protocol."""
+        policy = self._call("state_dict")
         return {
-            "policy": self._call("state_dict"),
+            "policy": policy,
+            "average": {"weights": dict(self.weights)},
+            "critic": policy["critic"]["network"],
             "fitting": self._fitting.state_dict(),
             "ring": self._ring.state_dict(),
             "acting": self._acting.state_dict(),
@@ -230,6 +242,10 @@ class PolicySide:
         """See :meth:`PolicyLearning.round`."""
         self._ring.next, self._ring.count = following, count
         return self._learning.round(hard)
+
+    def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
+        """See :meth:`PolicyLearning.start_from`."""
+        return self._learning.start_from(networks)
 
     def state_dict(self) -> dict[str, Any]:
         """See :meth:`PolicyLearning.state_dict`."""

@@ -98,7 +98,7 @@ class Network(nn.Module):
         """(N, inputs) and encoded extras → (N, outputs) float32."""
         weights = self._weights
         assert weights is not None, "prepare() comes first"
-        x = torch.addcmul(-self.mean / self.std, inputs, 1.0 / self.std).clamp(-INPUT_CLIP, INPUT_CLIP)
+        x = ((inputs - self.mean) / self.std).clamp(-INPUT_CLIP, INPUT_CLIP)
         coarse = x.to(weights.first[0].dtype)
         h = functional.linear(coarse, *weights.first)
         if self._exact and self.low_precision:

@@ -2,11 +2,13 @@
 
 import copy
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from train.learner.transfer import copy_weights
 from train.world_model.cost import terms_of, total
 from train.world_model.critic import Critic, privileged
 from train.world_model.imagination import Imagination, Rollout
@@ -50,15 +52,17 @@ class PolicyLearning:
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas
         )
-        self.updates = 0
+        self.updates, self._normalized = 0, False
 
     @torch.no_grad()
     def normalize(self, hard: Tensor) -> None:
-        """Set what the networks' inputs are normalised by, from states that robots were in."""
+        """Set what the networks' inputs are normalised by, from states that robots were in; the policy's only once."""
         start = self._starts.draw(4 * self.settings.imagination.batch, hard)
         state, ahead, motion, reference, context = self._imagination.first_sight(start)
-        for policy in (self.policy, self.averaged):
-            policy.network.normalize_by(state, ahead, 0.02)
+        if not self._normalized:
+            for policy in (self.policy, self.averaged):
+                policy.network.normalize_by(state, ahead, 0.02)
+        self._normalized = True
         extras = torch.cat([ahead, context.features], dim=1)
         self.critic.normalize_by(privileged(motion, reference), extras)
 
@@ -115,9 +119,18 @@ class PolicyLearning:
             "policy_updates": float(self.updates),
         }
 
+    def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
+        """Begin with another training's policy. InputError where it does not fit."""
+        for policy in (self.policy, self.averaged):
+            own = {f"mlp.{name}": value for name, value in policy.state_dict().items()}
+            copy_weights(own, networks["actor"], "actor")
+        self._normalized = True
+        return ["actor"]
+
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs."""
         return {
+            "normalized": self._normalized,
             "policy": self.policy.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -130,7 +143,7 @@ class PolicyLearning:
         """Restore what :meth:`state_dict` returned."""
         for name in ("policy", "averaged", "optimizer", "critic"):
             getattr(self, name).load_state_dict(state[name])
-        self.updates = state["updates"]
+        self.updates, self._normalized = state["updates"], state["normalized"]
         for generator, value in zip(
             (self._starts.generator, self._imagination.generator), state["generators"], strict=True
         ):

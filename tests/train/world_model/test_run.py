@@ -1,0 +1,73 @@
+"""A whole small run by the command's parts: trained, exported, played by the deployment's controller, begun from."""
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from deploy.actors import load_run
+from deploy.settings import load_settings
+from motion.clip_set import open_clip_set
+from robot.robot import load_robot
+from sim2sim.cli import main as evaluate
+from tests.train.world_model.small import SMALL
+from train.command import execute
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """The run folder of a tracker of two clips."""
+    folder = tmp_path_factory.mktemp("tracker")
+    manifest = folder / "clips.yaml"
+    execute(["motion=side_kick", *SMALL[1:], "iterations=15", "evaluate_every=null", f"run_dir={folder / 'run'}"])
+    del manifest
+    return folder / "run"
+
+
+def test_the_run_leaves_an_actor_of_any_clip_and_says_what_it_did(trained):
+    summary = json.loads((trained / "summary.json").read_text())
+    assert summary["outcome"] == "completed" and summary["iterations"] == 15
+    rows = [json.loads(line) for line in (trained / "metrics.jsonl").read_text().splitlines()]
+    assert "imagined/cost" in rows[-1] and "model/window_loss" in rows[-1]
+    actor = load_run(trained / "actor.onnx", "taichi", load_robot(), load_settings().entry)
+    assert actor.actor.spec.follows == "any_clip"
+    assert np.abs(actor.reference.feedforward_rad).max() > 0.01
+
+
+def test_its_actor_plays_clips_it_never_saw(trained, capsys):
+    assert evaluate(["--policy", str(trained / "actor.onnx"), "--motion", "side_kick", "--motion", "stand"]) == 0
+    assert "completed %" in capsys.readouterr().out
+
+
+def test_another_run_begins_with_its_policy_and_model(trained, tmp_path, capsys):
+    execute([*SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
+    assert "weights of actor and model" in capsys.readouterr().out
+
+
+def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_path, capsys):
+    """Graph weights are those of the first checkpoint's average, normalisation included."""
+    execute([
+        *SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
+        f"run_dir={tmp_path / 'run'}",
+    ])  # fmt: skip
+    assert "weights of actor from" in capsys.readouterr().out
+    stored = {part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer}
+    newest = sorted((tmp_path / "run" / "checkpoints").glob("*.pt"))[-1]
+    weights = torch.load(newest, weights_only=True)["learner"]["average"]["weights"]
+    names = [name for name in weights if name.startswith("mlp.")]
+    assert len(names) == 11
+    for name in names:
+        assert np.array_equal(weights[name].numpy(), stored[name]), name
+
+
+def test_clips_of_a_manifest_are_trained_together(tmp_path):
+    manifest = tmp_path / "clips.yaml"
+    clips = open_clip_set.__globals__["Path"](__file__).resolve().parents[3] / "motion" / "clips"
+    manifest.write_text(f"clips:\n  - {{file: {clips / 'side_kick.npz'}}}\n  - {{file: {clips / 'stand.npz'}}}\n")
+    execute([
+        f"motions={manifest}", *SMALL[1:], "iterations=13", "evaluate_every=13", f"run_dir={tmp_path / 'run'}",
+    ])  # fmt: skip
+    rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    assert {"clip/side_kick/survival", "clip/stand/survival"} <= rows[-1].keys()
