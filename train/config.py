@@ -27,6 +27,8 @@ from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
 from train.mdp.settings import EnvironmentSettings
 from train.priors.module import PriorSettings
+from train.world_model.context import MOST_DELAY_S
+from train.world_model.policy import Layout
 from train.world_model.settings import WorldModelSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
@@ -79,6 +81,8 @@ class TrainConfig:
             positive("minutes", self.minutes)
         if self.iterations is None and self.minutes is None:
             raise InputError("no budget", where="iterations", expected="iterations or minutes (or both)")
+        if self.world_model is not None:
+            self._check_world_model(self.world_model)
         check_losses(self.learner.losses)
         self.prior.check(self.environment.older_lags)
         if self.learner.exploration.kind == "antithetic":
@@ -88,6 +92,27 @@ class TrainConfig:
             raise InputError(
                 "too few samples for the minibatches", where="num_envs", got=f"{samples} samples per iteration",
                 expected=f"at least {2 * self.learner.minibatches}",
+            )  # fmt: skip
+
+    def _check_world_model(self, settings: WorldModelSettings) -> None:
+        """InputError for what does not go with learning through a world model."""
+        settings.check(self.num_envs)
+        Layout(self.environment.actor_group(), 1)
+        if self.iterations is None:
+            raise InputError("not given", where="iterations", expected="a number: the learning rate falls over them")
+        if self.device != "cpu":
+            raise InputError("not for a world model yet", where="device", got=self.device, expected="cpu")
+        for where, kind, wanted in (
+            ("learner.exploration.kind", self.learner.exploration.kind, "gaussian"),
+            ("prior.kind", self.prior.kind, "none"),
+        ):
+            if kind != wanted:
+                raise InputError("not with a world model", where=where, got=kind, expected=wanted)
+        longest_s = self.environment.randomization.delay_s[1]
+        if longest_s > MOST_DELAY_S:
+            raise InputError(
+                "too long for a world model", where="environment.randomization.delay_s", got=longest_s,
+                expected=f"at most {MOST_DELAY_S} s",
             )  # fmt: skip
 
 

@@ -199,6 +199,25 @@ REFUSED = [
 ]
 
 
+REFUSED_WITH_A_WORLD_MODEL = [
+    (["iterations=null", "minutes=5"], "iterations: not given"),
+    (["learner.exploration.kind=antithetic"], "learner.exploration.kind: not with a world model, got antithetic"),
+    (["environment.observations=pbhc"], "environment.observations: missing term, expected reference_joint_pos"),
+    (["environment.randomization.delay_s=[0.0,0.05]"], "environment.randomization.delay_s: too long"),
+    (["world_model.cost.beauty=1.0"], "world_model.cost.beauty: unknown cost term"),
+    (["world_model.imagination.horizon=7"], "world_model.imagination.horizon: odd"),
+    (["world_model.fitting.warm_up_steps=1000"], "world_model.fitting.warm_up_steps: too few steps for the windows"),
+    (["world_model.policy.hidden=[]"], "world_model.policy.hidden: unusable layers"),
+]
+
+
+@pytest.mark.parametrize(("overrides", "message"), REFUSED_WITH_A_WORLD_MODEL)
+def test_refused_with_a_world_model(overrides, message):
+    with pytest.raises(InputError) as caught:
+        check(compose_document(["motion=taichi", "train=tracker", *(f"++{o}" for o in overrides)]))
+    assert message in str(caught.value)
+
+
 @pytest.mark.parametrize(("override", "message"), REFUSED, ids=[override for override, _ in REFUSED])
 def test_refused_in_one_line(override, message):
     with pytest.raises(InputError, match=message) as caught:

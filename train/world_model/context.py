@@ -7,7 +7,8 @@ from torch import Tensor
 
 from train.simulation.domain import Domain
 
-QUEUE = 3  # targets that a delay of up to two control steps may still act with
+QUEUE = 3  # targets that may still act
+MOST_DELAY_S = 0.04  # two control steps: the oldest of them
 
 
 class Context(NamedTuple):

@@ -18,11 +18,11 @@ from train.world_model.fitting import ModelFitting
 from train.world_model.partner import Partner
 from train.world_model.policy_learning import PolicyLearning, cosine
 from train.world_model.ring import Ring, Steps
-from train.world_model.settings import WorldModelSettings
+from train.world_model.settings import OPEN_LOOP_STEPS, WorldModelSettings
 from train.world_model.state import motion_of, pack
 
 WARM_UP_CHUNK = 20
-OPEN_LOOP = {"length": 16, "number": 1000}
+OPEN_LOOP_WINDOWS = 1000
 
 
 class WorldModelLearner:
@@ -139,7 +139,7 @@ class WorldModelLearner:
             size = (1, fit.single_batch) if single else (fit.warm_up_length, fit.window_batch)
             loss = self._fitting.update(*size)
             self._fitted += 1
-        return {"model/loss": float(loss), **self._fitting.open_loop(**OPEN_LOOP)}
+        return {"model/loss": float(loss), **self._fitting.open_loop(OPEN_LOOP_STEPS, OPEN_LOOP_WINDOWS)}
 
     def _round(self) -> dict[str, float]:
         fit = self._settings.fitting

@@ -3,8 +3,11 @@
 from dataclasses import dataclass, field
 
 from core.errors import InputError
-from core.structured import at_least, ordered, positive, within
+from core.structured import at_least, positive, within
 from train.world_model.cost import COSTS
+from train.world_model.ring import MARGIN
+
+OPEN_LOOP_STEPS = 16  # after which the model's error is told
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,20 @@ class FittingSettings:
     warm_up_single: int
     warm_up_window: int
     warm_up_length: int
+
+    def __post_init__(self) -> None:
+        _layers("fitting", self.hidden)
+        positive("world_model.fitting.learning_rate", self.learning_rate)
+        for name in ("weight_decay", "single_updates", "window_updates", "warm_up_single", "warm_up_window"):
+            at_least(f"world_model.fitting.{name}", getattr(self, name), 0.0)
+        for name in ("single_batch", "window_batch", "window", "warm_up_steps", "warm_up_length"):
+            at_least(f"world_model.fitting.{name}", getattr(self, name), 1)
+        within("world_model.fitting.last_share", self.last_share, 0.0, 1.0)
+
+    @property
+    def longest(self) -> int:
+        """Steps of the longest window."""
+        return max(self.window, self.warm_up_length)
 
 
 @dataclass(frozen=True)
@@ -101,6 +118,13 @@ class CriticSettings:
     average: float
     counts_from: int | None
 
+    def __post_init__(self) -> None:
+        _layers("critic", self.hidden)
+        positive("world_model.critic.learning_rate", self.learning_rate)
+        at_least("world_model.critic.batch", self.batch, 1)
+        for name in ("lam", "average"):
+            within(f"world_model.critic.{name}", getattr(self, name), 0.0, 1.0)
+
 
 @dataclass(frozen=True)
 class PolicySettings:
@@ -118,6 +142,18 @@ class PolicySettings:
     updates: int
     cost_max: float
     lost_cost: float
+
+    def __post_init__(self) -> None:
+        _layers("policy", self.hidden)
+        for name in ("learning_rate", "cost_max"):
+            positive(f"world_model.policy.{name}", getattr(self, name))
+        at_least("world_model.policy.updates", self.updates, 1)
+        for name in ("last_share", "average", "gamma"):
+            within(f"world_model.policy.{name}", getattr(self, name), 0.0, 1.0)
+        for beta in self.betas:
+            within("world_model.policy.betas", beta, 0.0, 0.9999)
+        within("world_model.policy.gamma", self.gamma, 0.0, 0.9999)
+        at_least("world_model.policy.lost_cost", self.lost_cost, 0.0)
 
 
 @dataclass(frozen=True)
@@ -142,4 +178,21 @@ class WorldModelSettings:
         for name, weight in self.cost.items():
             COSTS.check(f"world_model.cost.{name}", name, {})
             at_least(f"world_model.cost.{name}", weight, 0.0)
-        ordered("world_model.policy.betas", self.policy.betas)
+        if not any(self.cost.values()):
+            raise InputError("no cost", where="world_model.cost", expected=COSTS.names)
+
+    def check(self, num_envs: int) -> None:
+        """InputError where so many robots do not fill the first windows."""
+        needed = num_envs * (max(self.fitting.longest, OPEN_LOOP_STEPS) + MARGIN + 2)
+        if self.fitting.warm_up_steps < needed:
+            raise InputError(
+                "too few steps for the windows", where="world_model.fitting.warm_up_steps",
+                got=self.fitting.warm_up_steps, expected=f"{needed} or more for {num_envs} robots",
+            )  # fmt: skip
+        at_least("world_model.starts.newest_steps", self.starts.newest_steps, num_envs)
+
+
+def _layers(section: str, hidden: tuple[int, ...]) -> None:
+    if not hidden or min(hidden) < 1:
+        where = f"world_model.{section}.hidden"
+        raise InputError("unusable layers", where=where, got=list(hidden), expected="one or more sizes of at least 1")

@@ -53,7 +53,9 @@ def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_pat
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
     assert "weights of actor from" in capsys.readouterr().out
-    stored = {part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer}
+    stored = {
+        part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer
+    }
     newest = sorted((tmp_path / "run" / "checkpoints").glob("*.pt"))[-1]
     weights = torch.load(newest, weights_only=True)["learner"]["average"]["weights"]
     names = [name for name in weights if name.startswith("mlp.")]
