@@ -145,6 +145,7 @@ def train(setup: Setup) -> None:
         _export(setup, runner, evaluation, progress, code)
         progress.say(f"report {report.finish()}")
     finally:
+        learner.close()
         progress.close()
 
 

@@ -47,6 +47,10 @@ class Learner(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """End what it started beside this process."""
+        ...
+
     def state_dict(self) -> dict[str, Any]:
         """Everything a continued run needs: nested dicts of tensors and plain values."""
         ...

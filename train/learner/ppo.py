@@ -214,6 +214,9 @@ class Ppo:
             taken.append("critic")
         return taken
 
+    def close(self) -> None:
+        """See :class:`train.learner.learner.Learner`."""
+
     def state_dict(self) -> dict[str, Any]:
         """Weights, optimiser, learning rate and generators."""
         return {

@@ -192,8 +192,7 @@ class WorldModelLearner:
         return taken
 
     def close(self) -> None:
-        """End the other process."""
-        self._settle()
+        """See the protocol."""
         self._partner.close()
 
     def state_dict(self) -> dict[str, Any]:

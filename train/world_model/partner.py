@@ -1,11 +1,15 @@
 """An object that works beside this process: in another one that shares its tensors' memory, or, in turn, in this."""
 
+import ctypes
 import multiprocessing
 import os
 import signal
 import traceback
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
+
+PR_SET_PDEATHSIG = 1
+END_S = 30.0  # a call that is under way is waited for so long
 
 
 class Partner(Protocol):
@@ -71,21 +75,23 @@ class Beside:
     def close(self) -> None:
         """See :class:`Partner`."""
         self._pipe.close()
-        self._process.join()
+        self._process.join(END_S)
+        self._process.kill()
 
 
 def _serve(target: object, pipe: Connection, others: Connection) -> None:
     """Carry out calls until the other end is closed."""
     others.close()
-    # Who trains is told to stop, and closes this.
+    # Who trains is told to stop, and closes this. Killed, it takes this along: processes forked since hold the pipe too.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    while True:
-        try:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    try:
+        while True:
             method, arguments = pipe.recv()
-        except (EOFError, OSError):
-            os._exit(0)
-        try:
-            answer: tuple[bool, Any] = False, getattr(target, method)(*arguments)
-        except Exception:
-            answer = True, traceback.format_exc()
-        pipe.send(answer)
+            try:
+                answer: tuple[bool, Any] = False, getattr(target, method)(*arguments)
+            except Exception:
+                answer = True, traceback.format_exc()
+            pipe.send(answer)
+    except (EOFError, OSError):
+        os._exit(0)

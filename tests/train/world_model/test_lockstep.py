@@ -1,5 +1,9 @@
 """The numbers do not depend on who is faster, nor on whether the run was interrupted."""
 
+import multiprocessing
+import time
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -43,6 +47,35 @@ def test_a_continued_run_goes_on_to_the_same_numbers(at, tmp_path):
     env.load_state_dict(state["env"])
     _, rows = iterate(env, learner, state["observations"], ROUNDS)
     assert rows == wanted
+
+
+def test_who_learns_the_policy_ends_with_who_trains():
+    """Also when that is killed, and other processes hold the pipe between them."""
+    context = multiprocessing.get_context("fork")
+    told, tell = context.Pipe(duplex=False)
+
+    def train() -> None:
+        first, second = (small("world_model.processes=2")[1] for _ in range(2))
+        tell.send([learner._partner._process.pid for learner in (first, second)])
+        time.sleep(60.0)
+
+    trainer = context.Process(target=train)
+    trainer.start()
+    partners = told.recv()
+    trainer.kill()
+    trainer.join()
+    deadline_s = time.monotonic() + 10.0
+    while any(is_alive(pid) for pid in partners) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    assert not any(is_alive(pid) for pid in partners)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
 
 
 def test_who_learns_the_policy_is_missed_when_it_has_ended():

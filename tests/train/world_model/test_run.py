@@ -9,7 +9,7 @@ import torch
 
 from deploy.actors import load_run
 from deploy.settings import load_settings
-from motion.clip_set import open_clip_set
+from motion.library import CLIPS
 from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
 from tests.train.world_model.small import SMALL
@@ -66,8 +66,7 @@ def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_pat
 
 def test_clips_of_a_manifest_are_trained_together(tmp_path):
     manifest = tmp_path / "clips.yaml"
-    clips = open_clip_set.__globals__["Path"](__file__).resolve().parents[3] / "motion" / "clips"
-    manifest.write_text(f"clips:\n  - {{file: {clips / 'side_kick.npz'}}}\n  - {{file: {clips / 'stand.npz'}}}\n")
+    manifest.write_text(f"clips:\n  - {{file: {CLIPS / 'side_kick.npz'}}}\n  - {{file: {CLIPS / 'stand.npz'}}}\n")
     execute([
         f"motions={manifest}", *SMALL[1:], "iterations=13", "evaluate_every=13", f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
