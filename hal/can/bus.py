@@ -16,7 +16,7 @@ from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.targets import MotorTargets
 from hal.contract.joint_map import JointMap
-from hal.contract.types import DeviceError
+from hal.contract.types import DeviceError, DeviceFault
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox, Outgoing
@@ -84,6 +84,20 @@ class CanBus:
         turns = self.map.turns.copy()
         turns[row] = settled.turns
         self.map = self.map.with_turns(turns)
+
+    def check_reach(self, motor: Motor) -> None:
+        """Refuse a joint's band that leaves the range of the motor's positions: a target would be cut off silently.
+
+        Raises DeviceFault.
+        """
+        row = [motor.row]
+        ends_rad = [float(self.map.take(row).raw_rad(band[row])[0]) for band in self.bands]
+        most_rad = motor.codec.model.pos_rad
+        if max(map(abs, ends_rad)) > most_rad:
+            raise DeviceFault(
+                f"{motor.name}: its joint's band is {min(ends_rad):.3f} to {max(ends_rad):.3f} rad at the motor, whose"
+                f" positions end at {most_rad:g} rad: raise its range (Damiao: register 21), or set its zero nearer"
+            )
 
     def latch(self, motor: Motor, reason: str) -> None:
         """Show a motor's fault and send it nothing but damping, until `forget`."""
@@ -224,6 +238,7 @@ class CanBus:
             self._judge(motor)
             motor.news = False
         state.stats(f"{self.name} frames", self.link.received)
+        state.stats(f"{self.name} error frames", self.link.error_frames)
         state.stats(f"{self.name} frames not understood", self._demultiplexer.not_understood)
         state.stats(f"{self.name} answers missed", sum(motor.missed for motor in self.motors))
         if not fresh:

@@ -27,6 +27,7 @@ DRIVER = "driver"
 
 WATCHDOG_S = "watchdog_s"
 CONTROL_MODE = "control_mode"
+ZERO_MARK = "zero_mark"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,15 @@ class Ack:
     ok: bool = True
 
 
-Message = Feedback | Parameter | Ack
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who the motor is: the number that its maker gave this one alone, in hexadecimal digits."""
+
+    motor_id: int
+    serial: str
+
+
+Message = Feedback | Parameter | Ack | Identity
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +130,7 @@ class CommandKind(enum.Enum):
     READ = "read"
     WRITE = "write"
     PROBE = "probe"
+    IDENTIFY = "identify"
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +202,11 @@ class Codec(ABC):
         return False
 
     @property
+    def keeps_zero(self) -> bool:
+        """Whether the motor knows its zero after its power was off, up to whole turns."""
+        return True
+
+    @property
     @abstractmethod
     def reply_filter(self) -> IdFilter:
         """Arbitration ids of this motor's answers."""
@@ -240,6 +255,14 @@ class Codec(ABC):
         """Ask for it: the answer parses as Parameter(WATCHDOG_S). Empty where `has_watchdog` is False."""
         return ()
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """Ask for the maker's number: the answer parses as Identity. Empty where the protocol has none."""
+        return ()
+
+    def mark_zeroed(self, mark: float) -> tuple[Frame, ...]:
+        """Write `ZERO_MARK`, which the motor forgets together with its zero. Empty where it keeps no such number."""
+        return ()
+
     def read_setup(self) -> tuple[Frame, ...]:
         """Ask for every parameter in `setup_names`, one frame each in their order. Energises nothing."""
         return ()
@@ -277,5 +300,6 @@ class Codec(ABC):
         """The motor's state as it sends it: after each command, or every `cyclic_period_s`."""
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
-        """The answer to READ (the parameter's value), WRITE and PROBE where it is not state; empty if there is none."""
+        """The answer to READ (the parameter's value), WRITE, PROBE and IDENTIFY (value: the serial number) where it is
+        not state; empty if there is none."""
         return ()

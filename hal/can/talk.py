@@ -26,6 +26,8 @@ def ask(
     Rounds may run meanwhile: they hold the wire in turn, and what they hear counts as an answer as well.
     """
     motor.inbox.clear()
+    if not frames:
+        return None
     for _ in range(tries):
         _say(bus, motor, frames, max(PATIENCE_S, patience_s))
         until_s = time.monotonic() + PATIENCE_S

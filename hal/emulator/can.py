@@ -70,7 +70,10 @@ class CanDevice(DeviceSide):
     """All buses of a robot file, with its IMU on a pseudo-terminal."""
 
     default_config = "can_g1"
-    fault_kinds: ClassVar[Mapping[str, FaultKind]] = IMU_FAULTS
+    fault_kinds: ClassVar[Mapping[str, FaultKind]] = {
+        **IMU_FAULTS,
+        "other_motor": FaultKind("is another one of the same model: its serial number differs"),
+    }
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
         file = load_robot_file(config)

@@ -1,6 +1,7 @@
 """One emulated CAN servo of any codec, on the robot's joint: what it knows, obeys and answers."""
 
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ COMMONEST = {"moteus": codecs.UNDER_VOLTAGE}
 # No code stands for exactly zero: steps of a whole range, half of one of which a motor takes for zero.
 STEPS = {"damiao": 4095, "cubemars": 4095, "robstride": 65_535}
 GAIN_SLACK = 1.0 + 1e-6
+NEWEST_FIRMWARE = 0x00_63_00_00
 
 
 @dataclass
@@ -59,6 +61,7 @@ class EmulatedMotor:
         self._zero_rad_s = GAIN_SLACK * codec.model.vel_rad_s / steps if steps else 0.0
         self._zero_nm = GAIN_SLACK * codec.model.torque_nm / steps if steps else 0.0
         self.next_s = 0.0
+        self.serial = zlib.crc32(f"{entry.joint} {codec.name}".encode()) >> 1
         self.power_up(robot.joints())
 
     def power_up(self, measured: Joints) -> None:
@@ -70,7 +73,9 @@ class EmulatedMotor:
         self.fed_s = -math.inf
         self._was_powered = self._was_zeroed = True
         self._shift_rad = 0.0
-        if self.entry.fold:
+        if not self.codec.keeps_zero:
+            self._shift_rad = -self._raw_rad(measured)
+        elif self.entry.fold:
             self._shift_rad = -TURN_RAD * round(self._raw_rad(measured) / TURN_RAD)
         self._robot.slack(self.joint.index)
 
@@ -135,13 +140,18 @@ class EmulatedMotor:
                 self.values[asked.name] = asked.value
 
     def _answer(self, asked: DeviceCommand) -> tuple[Frame, ...]:
-        if asked.kind in (CommandKind.READ, CommandKind.PROBE, CommandKind.WRITE):
-            answers = self.codec.reply_frames(asked, self._value(asked.name))
+        if asked.kind in (CommandKind.READ, CommandKind.PROBE, CommandKind.WRITE, CommandKind.IDENTIFY):
+            value = self._serial() if asked.kind is CommandKind.IDENTIFY else self._value(asked.name)
+            answers = self.codec.reply_frames(asked, value)
             if answers or asked.kind is not CommandKind.WRITE:
                 return answers
         if self.codec.cyclic_period_s is not None and asked.kind is not CommandKind.REQUEST_STATE:
             return ()
         return self.state_frames()
+
+    def _serial(self) -> float:
+        """The maker's number of this motor; with the fault, that of another."""
+        return self.serial if self._faults.active("other_motor", *self.keys) is None else self.serial ^ 1
 
     def _value(self, name: str) -> float:
         model = self.codec.model
@@ -150,6 +160,8 @@ class EmulatedMotor:
             damiao.POS_RANGE_RAD: model.pos_rad,
             damiao.VEL_RANGE_RAD_S: model.vel_rad_s,
             damiao.TORQUE_RANGE_NM: model.torque_nm,
+            robstride.TORQUE_LIMIT_NM: model.torque_nm,
+            robstride.FIRMWARE: float(NEWEST_FIRMWARE),
         }
         if name == robstride.MECHANICAL_POS_RAD:
             return self._raw_rad(self._robot.joints()) + self._shift_rad + self._lost_rad()

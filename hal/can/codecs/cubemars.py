@@ -8,7 +8,9 @@ Watchdog: the drive has a "CAN timeout" (torque goes to zero), but it can be nei
 the vendor's tool. As far as the host can know, there is none.
 
 The motor answers each command on its own identifier, the same as the command's (or on its "CAN master" id: host_id). A
-transport that loops frames back must leave out one's own. Older firmware answers with 6 bytes, without temperature and
+transport that loops frames back must leave out one's own. No serial number can be asked for, and most models have their
+encoder on the motor's side, so that their zero is lost without power: option `keeps_zero: true` for those with a second
+one. Older firmware answers with 6 bytes, without temperature and
 fault. No question exists but leaving the motor mode. The state does not say whether the motor is switched on. V3
 drivers speak another protocol.
 """
@@ -16,6 +18,7 @@ drivers speak another protocol.
 from dataclasses import dataclass
 from typing import Any, Self
 
+from core.errors import InputError
 from hal.can import codec
 from hal.can.codec import (
     Codec,
@@ -66,17 +69,27 @@ MODELS = {
 
 @dataclass(frozen=True)
 class CubemarsCodec(Codec):
-    """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. No options."""
+    """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. Option keeps_zero."""
+
+    has_output_encoder: bool = False
 
     name = "cubemars"
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
         """See Codec."""
-        no_more(cls.name, options)
+        no_more(cls.name, options, ("keeps_zero",))
+        keeps = options.get("keeps_zero", False)
+        if not isinstance(keeps, bool):
+            raise InputError("cubemars keeps_zero", got=repr(keeps), expected="true or false")
         motor = checked_id("cubemars motor id", motor_id, 1, 0xFF)
         answers = checked_id("cubemars host id", motor if host_id is None else host_id, 0, STANDARD_ID_MAX)
-        return cls(motor, answers, checked_model(cls.name, MODELS, model))
+        return cls(motor, answers, checked_model(cls.name, MODELS, model), keeps)
+
+    @property
+    def keeps_zero(self) -> bool:
+        """See Codec."""
+        return self.has_output_encoder
 
     @property
     def reply_filter(self) -> IdFilter:

@@ -10,8 +10,10 @@ so it is on even where nobody sets it). Its expiry latches mode 11, which damps 
 Gains are scales of configured gains: the robot file states `kp_nm_per_turn` and `kd_nm_s_per_turn`
 (`servo.pid_position.kp`, `.kd`) and `torque_nm` (the limit sent with each command), read from the controller with the
 vendor's tool, as the registers do not show them. `servo.default_velocity_limit` and `default_accel_limit` must be nan,
-or the controller reshapes each target. A command that moves or pushes with kp below kd, both as scales, gets less
-damping than asked: here as in the controller. Positions are turns of the output, here radians.
+or the controller reshapes each target. While kp is below kd, both as scales, the damping frame is sent instead of a
+target at rest: a ramp of gains then begins with all of its damping. A command that moves or pushes with such gains gets
+less damping than asked, here as in the controller. Positions are turns of the output, here radians. The controller's
+identity is its UUID (registers 0x150 to 0x153).
 """
 
 import math
@@ -28,6 +30,7 @@ from hal.can.codec import (
     DeviceCommand,
     Feedback,
     Found,
+    Identity,
     Message,
     MotorCommand,
     MotorModel,
@@ -39,6 +42,7 @@ from hal.can.codecs.moteus_registers import (
     FAULT,
     FLOAT,
     INT8,
+    INT32,
     KD_SCALE,
     KP_SCALE,
     MAX_TORQUE,
@@ -52,6 +56,7 @@ from hal.can.codecs.moteus_registers import (
     TO_TORQUE,
     TO_VELOCITY,
     TORQUE,
+    UUID,
     VELOCITY,
     WRITE,
     library,
@@ -153,10 +158,10 @@ class MoteusCodec(Codec):
         return (self._frame(state_query()),)
 
     def command(self, target: MotorCommand, last: MotorCommand | None = None) -> tuple[Frame, ...]:
-        """See Codec. Without stiffness, motion or torque asked for: the damping frame."""
+        """See Codec. The damping frame where no motion or torque is asked for with less stiffness than damping."""
         kp = min(target.kp / self.model.kp, 1.0)
         kd = min(target.kd / self.model.kd, 1.0)
-        if target.kp == 0 and target.dq_rad_s == 0 and target.tau_nm == 0:
+        if (target.kp == 0 or kp < kd) and target.dq_rad_s == 0 and target.tau_nm == 0:
             return (self._drive(ZERO_VELOCITY, {KD_SCALE: kd, TIMEOUT: self.watchdog_s}),)
         values = {
             TO_POSITION: _limited(target.q_rad / TURN_RAD, TURNS_MAX),
@@ -177,6 +182,10 @@ class MoteusCodec(Codec):
         """See Codec."""
         return (self._frame(question((TIMEOUT,), FLOAT)),)
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec."""
+        return (self._frame(question(UUID, INT32)),)
+
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
         return self.read_watchdog()
@@ -196,6 +205,8 @@ class MoteusCodec(Codec):
         answered = registers.answered
         if TIMEOUT in answered:
             return Parameter(self.motor_id, WATCHDOG_S, answered[TIMEOUT])
+        if all(register in answered for register in UUID):
+            return Identity(self.motor_id, "".join(f"{int(answered[register]) & 0xFFFF_FFFF:08x}" for register in UUID))
         return self._state(answered)
 
     def _state(self, answered: Mapping[int, float]) -> Feedback | None:
@@ -246,6 +257,8 @@ class MoteusCodec(Codec):
             return None
         if registers.asked == (TIMEOUT,):
             return DeviceCommand(CommandKind.READ, name=WATCHDOG_S)
+        if registers.asked == UUID:
+            return DeviceCommand(CommandKind.IDENTIFY)
         return DeviceCommand(CommandKind.REQUEST_STATE)
 
     def _asked(self, mode: int, written: Mapping[int, float]) -> DeviceCommand | None:
@@ -292,6 +305,9 @@ class MoteusCodec(Codec):
         """See Codec."""
         if asked.kind is CommandKind.READ and asked.name == WATCHDOG_S:
             return (self._answer(subframes(ANSWER, {TIMEOUT: value})),)
+        if asked.kind is CommandKind.IDENTIFY:
+            words = [int(value) >> shift & 0x7FFF_FFFF for shift in (96, 64, 32, 0)]
+            return (self._answer(subframes(ANSWER, dict(zip(UUID, words)), INT32)),)
         return ()
 
     @property

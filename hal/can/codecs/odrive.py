@@ -28,6 +28,7 @@ from hal.can.codec import (
     DeviceCommand,
     Feedback,
     Found,
+    Identity,
     Message,
     MotorCommand,
     MotorModel,
@@ -166,6 +167,10 @@ class OdriveCodec(Codec):
         """See Codec."""
         return () if self.watchdog_timeout_endpoint is None else (self._sdo(SDO_READ, self.watchdog_timeout_endpoint),)
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec. A remote request, see `request_state`."""
+        return self.probe(self.motor_id, self.host_id)
+
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
         return () if self.enable_watchdog_endpoint is None else (self._sdo(SDO_READ, self.enable_watchdog_endpoint),)
@@ -200,6 +205,8 @@ class OdriveCodec(Codec):
             return Feedback(self.motor_id, faults=_named(active | disarm_reason))
         if what == SDO_ANSWER:
             return self._parse_sdo(frame.data)
+        if what == ADDRESS and frame.data[0] == self.motor_id:
+            return Identity(self.motor_id, frame.data[6:0:-1].hex())
         return None
 
     def _parse_sdo(self, data: bytes) -> Parameter | None:
@@ -233,7 +240,7 @@ class OdriveCodec(Codec):
         if node != self.motor_id or frame.extended:
             return None
         if frame.remote:
-            asks = {ESTIMATES: CommandKind.REQUEST_STATE, ADDRESS: CommandKind.PROBE}
+            asks = {ESTIMATES: CommandKind.REQUEST_STATE, ADDRESS: CommandKind.IDENTIFY}
             return DeviceCommand(asks[what]) if what in asks else None
         if what == CLEAR_ERRORS:
             return DeviceCommand(CommandKind.CLEAR_FAULT)
@@ -265,9 +272,9 @@ class OdriveCodec(Codec):
         )
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
-        """See Codec. WRITE is not answered. The serial number of a simulated motor is made of its node."""
-        if asked.kind is CommandKind.PROBE:
-            return (self._frame(ADDRESS, bytes([self.motor_id]) + self.motor_id.to_bytes(6, "little") + b"\0"),)
+        """See Codec. WRITE is not answered."""
+        if asked.kind is CommandKind.IDENTIFY:
+            return (self._frame(ADDRESS, bytes([self.motor_id]) + int(value).to_bytes(6, "little") + b"\0"),)
         if asked.kind is not CommandKind.READ:
             return ()
         if asked.name == WATCHDOG_S and self.watchdog_timeout_endpoint is not None:

@@ -66,7 +66,17 @@ def test_limits_of_what_is_sent():
 
 
 def test_damping_beyond_the_stiffness_is_cut_as_the_controller_cuts_it():
-    sent = CODEC.command(MotorCommand(1.0, 0.0, 10.0, 2.0, 0.0))[0]
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 10.0, 2.0, 0.5))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
+
+
+def test_a_ramp_of_gains_begins_with_all_of_its_damping():
+    """kp 5 of 100, kd 0.2 of 2: the controller would cut the damping to half; as the damping frame it is whole."""
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 5.0, 0.2, 0.0))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
+    assert CODEC.parse_command(sent, MotorCommand()).command.kp == 0.0
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 25.0, 0.2, 0.0))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kp == pytest.approx(25.0)
     assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
 
 
