@@ -83,6 +83,10 @@ class ControlClient:
         """Let the robot go, gently."""
         self.ask("release_gantry")
 
+    def lean(self, *, forwards_rad: float = 0.0, left_rad: float = 0.0) -> None:
+        """Lean the base by hand within a second, and hold it there."""
+        self.ask("lean", forwards_rad=forwards_rad, left_rad=left_rad)
+
     def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
         """Hang the robot up anew, its devices as after switching on; faults stay."""
         self.ask("reset", start_noise_rad=start_noise_rad, seed=seed)

@@ -77,6 +77,8 @@ class Emulation:
                 self.robot.release_gantry()
             case "gantry":
                 return {"attached": self.robot.gantry_attached}
+            case "lean":
+                self.robot.lean(float(content.get("forwards_rad", 0.0)), float(content.get("left_rad", 0.0)))
             case "reset":
                 self.robot.reset(
                     start_noise_rad=float(content.get("start_noise_rad", 0.0)), seed=int(content.get("seed", 0))

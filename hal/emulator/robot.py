@@ -12,6 +12,7 @@ import numpy as np
 from hal.emulator.checks import CommandChecks
 from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
+from hal.emulator.lean import Lean
 from robot.robot import Robot
 from world.actuation import JointCommand
 from world.gantry import NEVER, Gantry, hang_up
@@ -112,6 +113,7 @@ class EmulatedRobot:
             self._table = np.zeros((6, joints))
             self._table[5] = robot.torque_limit_nm
             self._plant.cap(robot.torque_limit_nm)
+            self._lean = Lean()
             self._told_s = np.full(joints, -np.inf)
             self._modes = np.zeros(joints, dtype=int)  # index into SLACK, DAMPED, DRIVEN
             self._since_s = np.full(joints, self._start_s)
@@ -152,7 +154,7 @@ class EmulatedRobot:
         with self.lock:
             self._advance(self._now())
             if self._seen is None or self._seen[0] != self._step:
-                self._seen = (self._step, self._plant.measure(self._time_s(self._step)))
+                self._seen = (self._step, self._lean.seen(self._plant.measure(self._time_s(self._step))))
             return self._seen[1]
 
     def joints(self) -> Joints:
@@ -183,6 +185,11 @@ class EmulatedRobot:
         with self.lock:
             self._advance(self._now())
             return self._gantry.attached
+
+    def lean(self, forwards_rad: float, left_rad: float, takes_s: float = 1.0) -> None:
+        """Lean the base, gantry and all, and hold it there; 0, 0 sets it upright."""
+        with self.lock:
+            self._lean.to(forwards_rad, left_rad, self._now(), takes_s)
 
     def release_gantry(self) -> None:
         """Let go gently."""

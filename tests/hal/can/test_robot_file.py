@@ -96,7 +96,7 @@ def test_a_motor_of_less_than_half_the_joints_torque_is_refused_whatever_its_lin
     path = changed(
         tmp_path, "model: DM8009,   direction:  1, zero_rad: -0.20}", f"model: DM4340, direction: 1, {weaker}"
     )
-    with pytest.raises(InputError, match="left_ankle_pitch_joint.*got 24 Nm at the joint, expected 25 Nm"):
+    with pytest.raises(InputError, match=r"left_ankle_pitch_joint.*got 24 Nm at the joint, expected 25 Nm"):
         check_motors(load_robot_file(path), G1)
 
 

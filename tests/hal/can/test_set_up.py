@@ -44,7 +44,7 @@ def test_a_band_beyond_the_motors_range_is_refused() -> None:
     """The hip's band is 5.5 rad wide: with PMAX 2 rad targets would be cut off silently."""
     rig = Rig(robot_file(motor(HIP, 1)))
     rig.motors[0].values[damiao.POS_RANGE_RAD] = 2.0
-    with pytest.raises(DeviceFault, match="band is -2.631 to 2.980 rad at the motor, whose positions end at 2 rad"):
+    with pytest.raises(DeviceFault, match=r"band is -2.631 to 2.980 rad at the motor, whose positions end at 2 rad"):
         prepared(rig)
 
 
@@ -71,7 +71,7 @@ def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
 ) -> None:
     monkeypatch.setattr(zero_mark, "NOTES", tmp_path)
     rig = Rig(robot_file(forgetful))
-    with pytest.raises(DeviceFault, match="left_elbow_joint .*not zeroed since its power came on"):
+    with pytest.raises(DeviceFault, match=r"left_elbow_joint .*not zeroed since its power came on"):
         prepared(rig)
     rig.motors[0]._shift_rad = 0.0  # the vendor's way of setting its zero where the file has it
     zero_mark.leave_mark(rig.bus, rig.bus.motors[0], forgetful.zero_rad + 0.1)

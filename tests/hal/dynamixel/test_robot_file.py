@@ -101,10 +101,10 @@ def test_the_printed_law_sets_what_is_asked_beside_what_is_given() -> None:
 
 def test_stand_ins_and_servos_of_less_than_half_the_torque_are_refused() -> None:
     """An XM540-W270 has 10.6 Nm, the G1's hip 88."""
-    with pytest.raises(InputError, match="left_hip_pitch_joint.*stand_ins, which only an emulator has.*--emulate"):
+    with pytest.raises(InputError, match=r"left_hip_pitch_joint.*stand_ins, which only an emulator has.*--emulate"):
         make_factory(config_file("hal", "dynamixel_g1"), {})
     make_factory(config_file("hal", "dynamixel_g1"), {"left_leg": "the emulator's"})
-    with pytest.raises(InputError, match="left_hip_pitch_joint: servo is too weak, got 10.6 Nm, expected at least 44"):
+    with pytest.raises(InputError, match=r"left_hip_pitch_joint: servo is too weak, got 10.6 Nm, expected at least 44"):
         make_factory(config_file("hal", "dynamixel_desk"), {})(ROBOT)
     half = dataclasses.replace(ROBOT, torque_limit_nm=ROBOT.torque_limit_nm * 1.99)
     DynamixelDriver(half, load_dynamixel("dynamixel_g1"))
