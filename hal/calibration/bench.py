@@ -10,7 +10,8 @@ import numpy as np
 
 from core.errors import InputError
 from hal.can.bus import CanBus
-from hal.can.codec import Feedback, MotorCommand
+from hal.can.codec import MotorCommand
+from hal.can.messages import Feedback
 from hal.can.robot_file import RobotFile
 from hal.can.setup import commanded_by_others, prepare, switch_off, switch_on
 from hal.can.talk import ask

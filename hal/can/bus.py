@@ -8,15 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from hal.can.bus_load import MAX_LOAD, bus_load
-from hal.can.codec import Feedback, MotorCommand
+from hal.can.codec import MotorCommand
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
 from hal.can.link import CanLink
+from hal.can.messages import Feedback
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.targets import MotorTargets
 from hal.contract.joint_map import JointMap
-from hal.contract.types import DeviceError, DeviceFault
+from hal.contract.types import DeviceError
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox, Outgoing
@@ -59,6 +60,7 @@ class CanBus:
         self.lock = threading.Lock()
         self._state: StateBoard | None = None
         self._broken: str | None = None
+        self._strangers: set[str] = set()
         self._retry_s = 0.0
 
     @property
@@ -85,20 +87,6 @@ class CanBus:
         turns[row] = settled.turns
         self.map = self.map.with_turns(turns)
 
-    def check_reach(self, motor: Motor) -> None:
-        """Refuse a joint's band that leaves the range of the motor's positions: a target would be cut off silently.
-
-        Raises DeviceFault.
-        """
-        row = [motor.row]
-        ends_rad = [float(self.map.take(row).raw_rad(band[row])[0]) for band in self.bands]
-        most_rad = motor.codec.model.pos_rad
-        if max(map(abs, ends_rad)) > most_rad:
-            raise DeviceFault(
-                f"{motor.name}: its joint's band is {min(ends_rad):.3f} to {max(ends_rad):.3f} rad at the motor, whose"
-                f" positions end at {most_rad:g} rad: raise its range (Damiao: register 21), or set its zero nearer"
-            )
-
     def latch(self, motor: Motor, reason: str) -> None:
         """Show a motor's fault and send it nothing but damping, until `forget`."""
         motor.damped_only = True
@@ -122,6 +110,9 @@ class CanBus:
             if self._broken is not None:
                 self._show(self._broken, False)
             self._broken = None
+            for name in self._strangers:
+                self._show(name, False)
+            self._strangers.clear()
 
     def end_rounds(self) -> None:
         """The rounds are over: conversations need not hurry."""
@@ -218,6 +209,7 @@ class CanBus:
         """Keep what a frame says; the motor that sent it. since_s: when the wire was last looked at."""
         sorted_out = self._demultiplexer.sort(frame)
         if sorted_out is None:
+            self._note_stranger(frame)
             return None
         motor, message = sorted_out
         if isinstance(message, Feedback):
@@ -225,6 +217,16 @@ class CanBus:
             motor.take(message, since_s)
         motor.inbox.append(message)
         return motor
+
+    def _note_stranger(self, frame: Frame) -> None:
+        """A motor's own command that we did not send: somebody else drives it. Shown until the operator's word."""
+        if not self.in_rounds:
+            return
+        for motor in self.motors:
+            if motor.codec.is_commanded_by(frame):
+                name = f"second controller: somebody else commands {motor.joint}"
+                self._strangers.add(name)
+                self._show(name, True)
 
     def _note_return(self, motor: Motor) -> None:
         """A motor that was silent for so long may have been without power, and not every protocol tells."""

@@ -13,17 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from hal.can.frame import Frame, IdFilter
-
-OVER_VOLTAGE = "over_voltage"
-UNDER_VOLTAGE = "under_voltage"
-OVER_CURRENT = "over_current"
-DRIVER_OVER_TEMPERATURE = "driver_over_temperature"
-MOTOR_OVER_TEMPERATURE = "motor_over_temperature"
-COMMUNICATION_LOST = "communication_lost"
-OVERLOAD = "overload"
-ENCODER = "encoder"
-UNCALIBRATED = "uncalibrated"
-DRIVER = "driver"
+from hal.can.messages import Feedback, Message
 
 WATCHDOG_S = "watchdog_s"
 CONTROL_MODE = "control_mode"
@@ -64,51 +54,6 @@ class MotorCommand:
 
 
 @dataclass(frozen=True, slots=True)
-class Feedback:
-    """What one frame says of a motor; None where this frame does not carry the value.
-
-    faults: names that are present now; None where the frame says nothing of faults. enabled: the drive is on.
-    """
-
-    motor_id: int
-    pos_rad: float | None = None
-    vel_rad_s: float | None = None
-    torque_nm: float | None = None
-    temperature_c: float | None = None
-    faults: tuple[str, ...] | None = None
-    enabled: bool | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """The motor's answer to a read: `WATCHDOG_S`, `CONTROL_MODE` or another name of the codec's `setup_names`."""
-
-    motor_id: int
-    name: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Ack:
-    """The motor acknowledged something that is not state. ok: False where it refused."""
-
-    motor_id: int
-    what: str
-    ok: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """Who the motor is: the number that its maker gave this one alone, in hexadecimal digits."""
-
-    motor_id: int
-    serial: str
-
-
-Message = Feedback | Parameter | Ack | Identity
-
-
-@dataclass(frozen=True, slots=True)
 class Found:
     """A motor that answered a probe. details: what its answer says (host id, serial number, firmware)."""
 
@@ -131,6 +76,10 @@ class CommandKind(enum.Enum):
     WRITE = "write"
     PROBE = "probe"
     IDENTIFY = "identify"
+
+
+# What changes nothing in the motor.
+QUESTIONS = (CommandKind.REQUEST_STATE, CommandKind.READ, CommandKind.PROBE, CommandKind.IDENTIFY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +227,11 @@ class Codec(ABC):
     @abstractmethod
     def parse(self, frame: Frame) -> Message | None:
         """What this motor says with the frame; None for anything that is not certainly from it and understood."""
+
+    def is_commanded_by(self, frame: Frame) -> bool:
+        """Whether the frame, which is none of the motor's, asks it for more than an answer."""
+        asked = self.parse_command(frame, MotorCommand())
+        return asked is not None and asked.kind not in QUESTIONS
 
     @classmethod
     @abstractmethod

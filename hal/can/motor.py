@@ -4,7 +4,8 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from hal.can.codec import Codec, Feedback, Message, MotorCommand
+from hal.can.codec import Codec, MotorCommand
+from hal.can.messages import Feedback, Message
 
 KEPT_QUESTIONS = 64
 DOUBT_ROUNDS = 8

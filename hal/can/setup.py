@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from hal.can.bus import CanBus
-from hal.can.codec import WATCHDOG_S, ZERO_MARK, CommandKind, Feedback, Identity, Message, MotorCommand, Parameter
+from hal.can.codec import WATCHDOG_S, ZERO_MARK, CommandKind, MotorCommand
 from hal.can.frame import Frame
+from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.can.motor import Motor
 from hal.can.talk import ask, listen
 from hal.can.zero_mark import require_mark
@@ -45,7 +46,7 @@ def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = 
     if calibrated:
         require_mark(bus, motor, parameters.get(ZERO_MARK))
         bus.settle_turns(motor)
-        bus.check_reach(motor)
+        _check_reach(bus, motor)
     answer = ask(
         bus, motor, motor.codec.ask_identity(), lambda message: isinstance(message, Identity), tries=IDENTITY_TRIES
     )
@@ -87,6 +88,18 @@ def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> Non
     if on:
         switch_on(bus, motor)
     bus.forget(motor)
+
+
+def _check_reach(bus: CanBus, motor: Motor) -> None:
+    """Refuse a joint's band that leaves the range of the motor's positions: a target would be cut off silently."""
+    row = [motor.row]
+    ends_rad = [float(bus.map.take(row).raw_rad(band[row])[0]) for band in bus.bands]
+    most_rad = motor.codec.model.pos_rad
+    if max(map(abs, ends_rad)) > most_rad:
+        raise DeviceFault(
+            f"{motor.name}: its joint's band is {min(ends_rad):.3f} to {max(ends_rad):.3f} rad at the motor, whose"
+            f" positions end at {most_rad:g} rad: raise its range (Damiao: register 21), or set its zero nearer"
+        )
 
 
 def _set_watchdog(bus: CanBus, motor: Motor, watchdog_s: float) -> None:

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from hal.can.bus import CanBus
-from hal.can.codec import Message
 from hal.can.frame import Frame
+from hal.can.messages import Message
 from hal.can.motor import Motor
 
 YIELD_S = 0.002

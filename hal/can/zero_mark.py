@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.files import write_json
 from hal.can.bus import CanBus
-from hal.can.codec import Feedback
+from hal.can.messages import Feedback
 from hal.can.motor import Motor
 from hal.can.talk import ask
 from hal.contract.types import DeviceFault

@@ -5,7 +5,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hal.can import codec as codecs
+from hal.can import fault_names
 from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Codec, CommandKind, DeviceCommand, MotorCommand, MotorState
 from hal.can.codecs import cubemars, damiao, moteus, odrive_tables, robstride, robstride_tables
 from hal.can.frame import Frame
@@ -24,7 +24,7 @@ FAULT_CODES: Mapping[str, Mapping[int, str]] = {
     "moteus": moteus.FAULTS,
 }
 ENABLED_BY_COMMANDS = ("moteus",)
-COMMONEST = {"moteus": codecs.UNDER_VOLTAGE}
+COMMONEST = {"moteus": fault_names.UNDER_VOLTAGE}
 # No code stands for exactly zero: steps of a whole range, half of one of which a motor takes for zero.
 STEPS = {"damiao": 4095, "cubemars": 4095, "robstride": 65_535}
 GAIN_SLACK = 1.0 + 1e-6
@@ -205,7 +205,7 @@ class EmulatedMotor:
 
     def _fault_name(self, code: int) -> str:
         names = FAULT_CODES[self.codec.name]
-        commonest = COMMONEST.get(self.codec.name, codecs.OVER_CURRENT)
+        commonest = COMMONEST.get(self.codec.name, fault_names.OVER_CURRENT)
         return names.get(code, commonest)
 
     def _raw_rad(self, measured: Joints) -> float:

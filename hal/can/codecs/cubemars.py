@@ -19,34 +19,25 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from core.errors import InputError
-from hal.can import codec
-from hal.can.codec import (
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-)
+from hal.can import fault_names
+from hal.can.codec import Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Feedback, Message
 
 TEMPERATURE_OFFSET_C = 40
 SHORT_STATE, STATE = 6, 8
 SPECIAL = bytes([0xFF] * 7)
 SPECIAL_KINDS = {0xFC: CommandKind.ENABLE, 0xFD: CommandKind.DISABLE, 0xFE: CommandKind.SET_ZERO}
 FAULTS = {
-    1: codec.MOTOR_OVER_TEMPERATURE,
-    2: codec.OVER_CURRENT,
-    3: codec.OVER_VOLTAGE,
-    4: codec.UNDER_VOLTAGE,
-    5: codec.ENCODER,
-    6: codec.DRIVER_OVER_TEMPERATURE,
-    7: codec.OVERLOAD,
+    1: fault_names.MOTOR_OVER_TEMPERATURE,
+    2: fault_names.OVER_CURRENT,
+    3: fault_names.OVER_VOLTAGE,
+    4: fault_names.UNDER_VOLTAGE,
+    5: fault_names.ENCODER,
+    6: fault_names.DRIVER_OVER_TEMPERATURE,
+    7: fault_names.OVERLOAD,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 

@@ -21,26 +21,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from hal.can import codec
+from hal.can import fault_names
 from hal.can.codec import (
     CONTROL_MODE,
     WATCHDOG_S,
-    Ack,
     Codec,
     CommandKind,
     DeviceCommand,
-    Feedback,
     Found,
-    Identity,
-    Message,
     MotorCommand,
     MotorModel,
     MotorState,
-    Parameter,
 )
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Ack, Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 POS_RANGE_RAD = "pos_range_rad"
@@ -70,13 +66,13 @@ SPECIAL_KINDS = {
 
 DISABLED, ENABLED = 0, 1
 FAULTS = {
-    0x8: codec.OVER_VOLTAGE,
-    0x9: codec.UNDER_VOLTAGE,
-    0xA: codec.OVER_CURRENT,
-    0xB: codec.DRIVER_OVER_TEMPERATURE,
-    0xC: codec.MOTOR_OVER_TEMPERATURE,
-    0xD: codec.COMMUNICATION_LOST,
-    0xE: codec.OVERLOAD,
+    0x8: fault_names.OVER_VOLTAGE,
+    0x9: fault_names.UNDER_VOLTAGE,
+    0xA: fault_names.OVER_CURRENT,
+    0xB: fault_names.DRIVER_OVER_TEMPERATURE,
+    0xC: fault_names.MOTOR_OVER_TEMPERATURE,
+    0xD: fault_names.COMMUNICATION_LOST,
+    0xE: fault_names.OVERLOAD,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 
@@ -105,7 +101,7 @@ class DamiaoCodec(Codec):
     """motor_id: ESC_ID (register 8). host_id: MST_ID (register 7), on which the motor answers. No options."""
 
     name = "damiao"
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:

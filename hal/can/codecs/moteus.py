@@ -22,21 +22,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from core.errors import InputError
-from hal.can import codec
-from hal.can.codec import (
-    WATCHDOG_S,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Identity,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-    Parameter,
-)
+from hal.can import fault_names
+from hal.can.codec import WATCHDOG_S, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.moteus_registers import (
     ANSWER,
     FAULT,
@@ -68,6 +55,7 @@ from hal.can.codecs.moteus_registers import (
 )
 from hal.can.codecs.options import checked_id, checked_number, no_more
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Feedback, Identity, Message, Parameter
 
 STOPPED, FAULTED, POSITION_MODE, TIMED_OUT, ZERO_VELOCITY = 0, 1, 10, 11, 12
 DRIVING = frozenset((5, 6, 7, 8, 9, POSITION_MODE, ZERO_VELOCITY, 13, 15))
@@ -79,13 +67,13 @@ TURNS_MAX = 1000.0
 DEFAULT_WATCHDOG_S = 0.1
 
 FAULTS = {
-    33: codec.DRIVER,
-    34: codec.OVER_VOLTAGE,
-    35: codec.ENCODER,
-    36: codec.UNCALIBRATED,
-    38: codec.DRIVER_OVER_TEMPERATURE,
+    33: fault_names.DRIVER,
+    34: fault_names.OVER_VOLTAGE,
+    35: fault_names.ENCODER,
+    36: fault_names.UNCALIBRATED,
+    38: fault_names.DRIVER_OVER_TEMPERATURE,
     39: "outside_limit",
-    40: codec.UNDER_VOLTAGE,
+    40: fault_names.UNDER_VOLTAGE,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 
@@ -101,7 +89,7 @@ class MoteusCodec(Codec):
 
     name = "moteus"
     fd = True
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
     watchdog_damps = True
 
     @classmethod
@@ -225,6 +213,11 @@ class MoteusCodec(Codec):
             None if mode is None else int(mode) in DRIVING,
         )
 
+    def is_commanded_by(self, frame: Frame) -> bool:
+        """See Codec. Whatever address the sender gives as its own."""
+        registers = read_registers(frame.data) if frame.fd and frame.arbitration_id & 0x7F == self.motor_id else None
+        return registers is not None and bool(registers.written)
+
     @classmethod
     def probe(cls, motor_id: int, host_id: int) -> tuple[Frame, ...]:
         """See Codec."""
@@ -281,10 +274,10 @@ class MoteusCodec(Codec):
     def feedback_frames(self, state: MotorState) -> tuple[Frame, ...]:
         """See Codec. Faults without a code of their own show as a fault of the driver."""
         mode, fault = STOPPED, 0
-        if codec.COMMUNICATION_LOST in state.faults:
+        if fault_names.COMMUNICATION_LOST in state.faults:
             mode = TIMED_OUT
         elif state.faults:
-            mode, fault = FAULTED, FAULT_CODES.get(state.faults[0], FAULT_CODES[codec.DRIVER])
+            mode, fault = FAULTED, FAULT_CODES.get(state.faults[0], FAULT_CODES[fault_names.DRIVER])
         elif state.enabled:
             mode = POSITION_MODE
         temperature = min(max(round(state.temperature_c), -127), 127)
@@ -333,7 +326,7 @@ class MoteusCodec(Codec):
 
 def _faults(mode: int, code: int) -> tuple[str, ...]:
     if mode == TIMED_OUT:
-        return (codec.COMMUNICATION_LOST,)
+        return (fault_names.COMMUNICATION_LOST,)
     return (FAULTS.get(code, f"error_{code}"),) if mode == FAULTED else ()
 
 

@@ -20,24 +20,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from hal.can import codec
-from hal.can.codec import (
-    WATCHDOG_S,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Identity,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-    Parameter,
-)
+from hal.can import fault_names
+from hal.can.codec import WATCHDOG_S, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.odrive_tables import ERROR_BITS, ERRORS
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.frame import Frame, IdFilter
+from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 WATCHDOG_ENABLED = "watchdog_enabled"
@@ -71,7 +59,7 @@ class OdriveCodec(Codec):
 
     name = "odrive"
     cyclic_period_s = 0.010
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:

@@ -27,25 +27,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from hal.can.codec import (
-    WATCHDOG_S,
-    ZERO_MARK,
-    Ack,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Identity,
-    Message,
-    MotorCommand,
-    MotorState,
-    Parameter,
-)
+from hal.can.codec import WATCHDOG_S, ZERO_MARK, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorState
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.robstride_tables import FIRST_TRUE_GAINS, MODELS, REPORTED_FAULTS, STATE_FAULTS
 from hal.can.codecs.scaling import from_code, to_code
 from hal.can.frame import EXTENDED_ID_MAX, Frame, IdFilter
+from hal.can.messages import Ack, Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 MECHANICAL_POS_RAD = "mechanical_pos_rad"

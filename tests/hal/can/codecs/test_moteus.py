@@ -9,9 +9,10 @@ import pytest
 pytest.importorskip("moteus", reason="the extra kata[moteus] is not installed")
 
 from core.errors import InputError
-from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, MotorCommand, MotorState, Parameter
+from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec, moteus_registers
 from hal.can.frame import Frame
+from hal.can.messages import Feedback, Parameter
 
 TURN = 2 * math.pi
 OPTIONS = {"kp_nm_per_turn": 100 * TURN, "kd_nm_s_per_turn": 2 * TURN, "torque_nm": 8.0}

@@ -4,9 +4,10 @@ import struct
 
 import pytest
 
-from hal.can.codec import WATCHDOG_S, Ack, CommandKind, Feedback, Identity, MotorCommand, MotorState, Parameter
+from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
+from hal.can.messages import Ack, Feedback, Identity, Parameter
 from hal.contract.types import DeviceFault
 
 CODEC = make_codec("robstride", 5, "RS03")
