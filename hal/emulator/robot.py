@@ -102,12 +102,12 @@ class EmulatedRobot:
             self._thread.join()
             self._thread = None
 
-    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
-        """Hang it up anew, slack and at rest; violations and lateness are forgotten."""
+    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0, lift_m: float = 0.0) -> None:
+        """Hang it up anew, slack and at rest; violations and lateness are forgotten. lift_m: above the ground."""
         robot, joints = self.robot, self.robot.num_joints
         noise = np.random.default_rng(seed).normal(0.0, start_noise_rad, joints)
         with self.lock:
-            hang_up(self._plant, self._gantry, robot.default_pos_rad + noise)
+            hang_up(self._plant, self._gantry, robot.default_pos_rad + noise, lift_m=lift_m)
             self._start_s, self._step = self._now(), 0
             self._orders: deque[_Order] = deque()
             self._table = np.zeros((6, joints))

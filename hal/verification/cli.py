@@ -17,6 +17,7 @@ from hal.verification.record import RECORDS, VerifiedRecord
 from hal.verification.session import verify
 from robot.robot import load_robot
 
+PERIOD_S = 0.05
 FIRST_STATE_S = 3.0
 LOOK_S = 0.01
 
@@ -29,7 +30,8 @@ def main(arguments: Sequence[str] | None = None, *, operator: Operator | None = 
 def _verify(given: argparse.Namespace, operator: Operator | None) -> int:
     robot, options, clock = load_robot(given.robot), load_verify_options(given.options), MonotonicClock()
     endpoints = _endpoints(given)
-    backend = open_backend(given.backend, robot, clock, config=given.hal_config, endpoints=endpoints)
+    wire = {"config": given.hal_config, "endpoints": endpoints}
+    backend = open_backend(given.backend, robot, clock, control_period_s=PERIOD_S, **wire)
     sha256 = wire_config_sha256(given.backend, given.hal_config, endpoints)
     try:
         info = backend.open()

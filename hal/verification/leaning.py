@@ -39,14 +39,15 @@ def lean_problem(
     before: Sequence[RobotState],
     during: Sequence[RobotState],
     after: Sequence[RobotState],
-    period_s: float,
     options: VerifyOptions,
 ) -> str | None:
-    """What is wrong with the IMU, None where nothing is. during: one state per period, between two times of rest."""
+    """What is wrong with the IMU, None where nothing is. during: the states between two times of rest."""
     acc = _turned(up_by_acceleration(before), up_by_acceleration(after))
     quat = _turned(up_by_orientation(before), up_by_orientation(after))
     bias = np.mean([state.imu_ang_vel_b for state in before], axis=0)
-    gyro = np.sum([state.imu_ang_vel_b - bias for state in during], axis=0)[:2] * period_s
+    stamps_s = [state.time_s - state.imu_age_s for state in during]
+    rates = np.array([state.imu_ang_vel_b - bias for state in during])
+    gyro = (0.5 * (rates[1:] + rates[:-1]) * np.diff(stamps_s)[:, None]).sum(axis=0)[:2]
     if (off_rad := _angle(acc, AXES[direction])) > options.turned_rad:
         return (
             f"imu: leaning {direction} looks turned by {off_rad:.2f} rad about the vertical: "

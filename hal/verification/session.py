@@ -84,7 +84,7 @@ def _check_lean(backend: Backend, clock: Clock, operator: Operator, direction: s
     before = _until_still(backend, clock, options, lambda state: True)[-still:]
     operator.lean(direction)
     during = _until_still(backend, clock, options, lambda state: lean_rad(before, state) > options.lean_rad)
-    _require(lean_problem(direction, before, during, during[-still:], backend.control_period_s, options))
+    _require(lean_problem(direction, before, during, during[-still:], options))
     operator.upright()
 
 

@@ -26,7 +26,6 @@ from hal.wire.outbox import IDLE, Kind, Outgoing
 from tests.hal.can.rig import Wireless
 from tests.hal.rigs import G1, sim_options
 from world.actuation import JointCommand, damping_command
-from world.options import GantryOptions
 
 PERIOD_S = 0.04
 EYE_RAD, SEEN_RAD = 0.15, 0.01
@@ -44,12 +43,11 @@ def dynamixel_file() -> DynamixelOptions:
 
 
 def hanging_robot(clock: SimulatedClock) -> EmulatedRobot:
-    """The straps carry all of it."""
-    gantry = dataclasses.replace(sim_options().gantry, support=1.0)
-    assert isinstance(gantry, GantryOptions)
-    return EmulatedRobot(
-        G1, Faults(kinds=COMMON_KINDS, now=clock.now_s), sim_options(gantry=gantry, timestep_s=0.002), now=clock.now_s
-    )
+    """Off the ground."""
+    faults = Faults(kinds=COMMON_KINDS, now=clock.now_s)
+    robot = EmulatedRobot(G1, faults, sim_options(timestep_s=0.002), now=clock.now_s)
+    robot.reset(lift_m=0.12)
+    return robot
 
 
 class FrameBackend:
@@ -126,6 +124,7 @@ class CanBackend(FrameBackend):
             here = [motor for motor in self.motors if motor.entry.bus == there]
             bus.link = OnTheBus(here, self.robot.faults)
             bus._busy_s = 0.0
+            bus._note_return = lambda motor: None  # a busy test machine is no motor without power
 
     def open(self) -> DeviceInfo:
         problems = [problem for bus in self.driver._buses for problem in self._identified(bus)]
@@ -196,19 +195,29 @@ class DynamixelBackend(FrameBackend):
 class Watcher:
     """An operator who answers from what really happened, with eyes that tell 0.15 rad apart."""
 
-    def __init__(self, robot: EmulatedRobot) -> None:
+    def __init__(self, robot: EmulatedRobot | None = None) -> None:
         self._robot = robot
         self._before_rad = np.zeros(G1.num_joints)
         self.asked: list[str] = []
+
+    def truth_rad(self) -> np.ndarray:
+        """(J,) where the joints are."""
+        assert self._robot is not None
+        return np.array(self._robot.joints().pos_rad)
+
+    def push(self, forwards_rad: float, left_rad: float) -> None:
+        """Lean the base."""
+        assert self._robot is not None
+        self._robot.lean(forwards_rad, left_rad)
 
     def ready(self, what: str) -> None:
         self.asked.append(what)
 
     def watch(self, joint: str) -> None:
-        self._before_rad = np.array(self._robot.joints().pos_rad)
+        self._before_rad = self.truth_rad()
 
     def saw(self, moved: Moved) -> str:
-        now_rad = np.array(self._robot.joints().pos_rad)
+        now_rad = self.truth_rad()
         change_rad = now_rad - self._before_rad
         most = int(np.argmax(np.abs(change_rad)))
         self.asked.append(moved.joint)
@@ -233,7 +242,7 @@ class Watcher:
 
     def lean(self, direction: str) -> None:
         forwards = direction == "forwards"
-        self._robot.lean(LEAN_RAD * forwards, LEAN_RAD * (not forwards))
+        self.push(LEAN_RAD * forwards, LEAN_RAD * (not forwards))
 
     def upright(self) -> None:
-        self._robot.lean(0.0, 0.0)
+        self.push(0.0, 0.0)
