@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from hal.can import fault_names
 from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Codec, CommandKind, DeviceCommand, MotorCommand, MotorState
-from hal.can.codecs import cubemars, damiao, moteus, odrive_tables, robstride, robstride_tables
+from hal.can.codecs import cubemars, damiao, moteus, odrive, odrive_tables, robstride, robstride_tables
 from hal.can.frame import Frame
 from hal.can.robot_file import MotorEntry
 from hal.contract.joint_map import TURN_RAD
@@ -28,6 +28,7 @@ COMMONEST = {"moteus": fault_names.UNDER_VOLTAGE}
 # No code stands for exactly zero: steps of a whole range, half of one of which a motor takes for zero.
 STEPS = {"damiao": 4095, "cubemars": 4095, "robstride": 65_535}
 GAIN_SLACK = 1.0 + 1e-6
+ODRIVE_NM_A = 0.5
 NEWEST_FIRMWARE = 0x00_63_00_00
 
 
@@ -160,6 +161,9 @@ class EmulatedMotor:
             damiao.POS_RANGE_RAD: model.pos_rad,
             damiao.VEL_RANGE_RAD_S: model.vel_rad_s,
             damiao.TORQUE_RANGE_NM: model.torque_nm,
+            odrive.VEL_LIMIT: model.vel_rad_s / TURN_RAD,
+            odrive.CURRENT_LIMIT_A: model.torque_nm / ODRIVE_NM_A,
+            odrive.TORQUE_CONSTANT: ODRIVE_NM_A,
             robstride.TORQUE_LIMIT_NM: model.torque_nm,
             robstride.FIRMWARE: float(NEWEST_FIRMWARE),
         }

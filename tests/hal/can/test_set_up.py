@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from core.errors import InputError
 from hal.calibration import zero
 from hal.can import zero_mark
-from hal.can.codecs import damiao, robstride
-from hal.can.robot_file import load_robot_file
+from hal.can.codecs import damiao, odrive, robstride
+from hal.can.robot_file import check_motor, load_robot_file
 from hal.can.setup import prepare
 from hal.contract.types import DeviceFault
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, motor, robot_file, served
@@ -106,3 +107,19 @@ def test_hal_zero_leaves_the_mark(tmp_path: Path) -> None:
         assert zero.main([ELBOW, *options], ask=lambda question: ELBOW) == 0
         found = load_robot_file(path).motors[0].zero_rad
         assert line.motors[0].values["zero_mark"] == pytest.approx(8.0 + found, abs=1e-6)
+
+
+def test_an_odrives_own_limits_are_its_motors() -> None:
+    """60 A of 0.5 Nm/A would be 30 Nm; a drive that is set to 12 A gives 6, too little for a joint of 25 Nm."""
+    limits = {"vel_limit_endpoint": 401, "current_limit_endpoint": 402, "torque_constant_endpoint": 403}
+    file = robot_file(motor(ELBOW, 3, codec="odrive", model="S1", options=limits))
+    rig = prepared(Rig(file))
+    check_motor(file, file.motors[0], rig.bus.motors[0].codec, G1)
+    rig = Rig(file)
+    rig.motors[0].values[odrive.CURRENT_LIMIT_A] = 12.0
+    rig.motors[0].values[odrive.VEL_LIMIT] = 2.0
+    prepared(rig)
+    model = rig.bus.motors[0].codec.model
+    assert (model.torque_nm, model.vel_rad_s) == pytest.approx((6.0, 4 * 3.14159265))
+    with pytest.raises(InputError, match=r"left_elbow_joint: S1 is too weak, got 6 Nm at the joint, expected 25 Nm"):
+        check_motor(file, file.motors[0], rig.bus.motors[0].codec, G1)
