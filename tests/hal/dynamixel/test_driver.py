@@ -234,7 +234,7 @@ def test_a_slow_usb_adapter_is_refused(bench: Bench, monkeypatch: pytest.MonkeyP
 
 
 def test_what_takes_too_long_is_given_up_and_not_done_later(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hal.dynamixel.group.JOB_S", 0.05)
+    monkeypatch.setattr("hal.dynamixel.jobs.JOB_S", 0.05)
     bench.begin()
     with pytest.raises(DeviceFault, match="not done within"):
         bench.driver.enable()  # no round runs
