@@ -123,4 +123,4 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     add("--interface", metavar="IF", help="network interface of --backend dds")
     add("--domain", type=count_argument, metavar="N", help="DDS domain")
     add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
-    add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run")
+    add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run and hal/verify")

@@ -51,6 +51,7 @@ def run_preflight(
     checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
     if at_rest:
+        checks += [_check_upright(states, settings)]
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
     details = [Check(name, True, value) for name, value in info.details.items()]
     return [*checks, Check("device watchdog", True, info.watchdog or "none: only this computer can damp"), *details]
@@ -155,6 +156,14 @@ def _check_range(states: Sequence[RobotState], robot: Robot, settings: Preflight
     return Check(
         "joint ranges", False, f"{robot.joint_names[joint]} at {pos[joint]:.2f} rad is {excess[joint]:.2f} outside"
     )
+
+
+def _check_upright(states: Sequence[RobotState], settings: PreflightSettings) -> Check:
+    """The mean of the directions that the quaternion calls up, against the base's own z."""
+    up_z = -float(np.mean([projected_gravity(state.imu_quat_wxyz)[2] for state in states]))
+    tilt = math.acos(min(1.0, max(-1.0, up_z)))
+    found = f"leans by {tilt:.2f} rad, limit {settings.tilt_rad:g}"
+    return Check("upright", tilt <= settings.tilt_rad, found)
 
 
 def _check_gravity(states: Sequence[RobotState], settings: PreflightSettings) -> Check:

@@ -18,7 +18,7 @@ from deploy.operator.console import Console
 from deploy.operator.keys import Keyboard, RequestSource, StopSignals
 from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
-from deploy.preflight import require, run_preflight, table
+from deploy.preflight import Check, require, run_preflight, table
 from deploy.record.log import McapLog
 from deploy.record.recorder import Recorder
 from deploy.record.report import Ending, RunReport, make_report
@@ -29,6 +29,8 @@ from hal.emulator.launch import Emulator, launch_emulator
 from hal.open import open_backend, wire_config, wire_config_sha256
 from hal.realtime import no_garbage_collection, realtime
 from hal.simulated.mujoco import MujocoBackend
+from hal.verification.record import RECORDS as VERIFIED
+from hal.verification.record import VerifiedRecord
 from hal.wire.backend import WireBackend
 from robot.robot import Robot, load_robot
 from world.model import check_meshes, compile_model
@@ -134,8 +136,19 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
         setup.settings.preflight,
         at_rest=options.start is Start.STAND,
     )
+    checks += _verified(options, setup, info)
     print(f"preflight {info.name}\n{table(checks)}", flush=True)
     require(checks)
+
+
+def _verified(options: RunOptions, setup: _Setup, info: DeviceInfo) -> list[Check]:
+    """Whether a person has seen that this real robot is the one of its files."""
+    if not options.on_real_wire:
+        return []
+    wire = wire_config_sha256(options.backend, options.hal_config, options.endpoints)
+    problem = VerifiedRecord(wire, setup.robot.name, info.identities).problem(VERIFIED)
+    waived = options.dry_run or options.first_run_ok
+    return [Check("verified", problem is None or waived, problem or "joints and IMU are as the files say")]
 
 
 def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSignals) -> Ending:

@@ -130,6 +130,7 @@ class SafetySettings:
 class PreflightSettings(_Checked):
     """What a robot must show before it is energised."""
 
+    tilt_rad: float
     gravity_rad: float
     gravity_m_s2: float
     temperature_c: float

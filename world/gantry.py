@@ -87,10 +87,11 @@ class Gantry:
         self._model.tendon_rgba[self._tendons, 3] = strength
 
 
-def hang_up(plant: Plant, gantry: Gantry, joint_pos_rad: np.ndarray) -> None:
-    """At rest and slack in a joint pose (J,), feet on the ground; the straps are set for the default pose."""
+def hang_up(plant: Plant, gantry: Gantry, joint_pos_rad: np.ndarray, *, lift_m: float = 0.0) -> None:
+    """At rest and slack in a joint pose (J,), feet on the ground or lifted by so much; the straps are set for the
+    default pose, and stretch a little where they carry all of the weight."""
     pose = plant.robot.default_pos_rad
-    height_m = plant.standing_height_m(pose)
+    height_m = plant.standing_height_m(pose) + lift_m
     plant.place(np.array([0.0, 0.0, height_m]), UPRIGHT_WXYZ, pose)
     gantry.hang_at_present_pose()
     height_m = max(height_m, plant.standing_height_m(joint_pos_rad))

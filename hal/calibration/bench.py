@@ -10,10 +10,12 @@ import numpy as np
 
 from core.errors import InputError
 from hal.can.bus import CanBus
-from hal.can.codec import Feedback, MotorCommand
+from hal.can.codec import MotorCommand
+from hal.can.messages import Feedback
 from hal.can.robot_file import RobotFile
 from hal.can.setup import commanded_by_others, prepare, switch_off, switch_on
 from hal.can.talk import ask
+from hal.can.zero_mark import leave_mark
 from hal.contract.types import DeviceError
 from robot.robot import Robot
 from world.actuation import JointCommand
@@ -122,6 +124,10 @@ class Bench:
     def set_zero_in_motor(self) -> None:
         """Make the present position the servo's own zero, the servo being off."""
         ask(self._bus, self._motor, self._motor.codec.set_zero(), lambda _: True, tries=1)
+
+    def mark_zeroed(self, zero_rad: float) -> None:
+        """The servo's zero was found, and is known until its power goes."""
+        leave_mark(self._bus, self._motor, zero_rad)
 
     @property
     def last(self) -> JointReading:

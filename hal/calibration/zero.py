@@ -44,6 +44,7 @@ def _zero(arguments: Sequence[str] | None, ask: Ask | None) -> int:
             bench.set_zero_in_motor()
             found = bench.read_still()
         zero_rad = zero_of(bench.entry, found.raw_rad, angle_rad)
+        bench.mark_zeroed(zero_rad)
     print(f"{given.joint}: zero_rad {bench.entry.zero_rad:g} -> {zero_rad:.4f}")
     path = config_file("hal", given.config)
     if not given.write:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hal.can.bus_load import MAX_LOAD, bus_load
-from hal.can.codec import Feedback, MotorCommand
+from hal.can.codec import MotorCommand
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
 from hal.can.link import CanLink
+from hal.can.messages import Feedback
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.targets import MotorTargets
@@ -59,6 +60,7 @@ class CanBus:
         self.lock = threading.Lock()
         self._state: StateBoard | None = None
         self._broken: str | None = None
+        self._strangers: set[str] = set()
         self._retry_s = 0.0
 
     @property
@@ -108,6 +110,9 @@ class CanBus:
             if self._broken is not None:
                 self._show(self._broken, False)
             self._broken = None
+            for name in self._strangers:
+                self._show(name, False)
+            self._strangers.clear()
 
     def end_rounds(self) -> None:
         """The rounds are over: conversations need not hurry."""
@@ -204,6 +209,7 @@ class CanBus:
         """Keep what a frame says; the motor that sent it. since_s: when the wire was last looked at."""
         sorted_out = self._demultiplexer.sort(frame)
         if sorted_out is None:
+            self._note_stranger(frame)
             return None
         motor, message = sorted_out
         if isinstance(message, Feedback):
@@ -211,6 +217,16 @@ class CanBus:
             motor.take(message, since_s)
         motor.inbox.append(message)
         return motor
+
+    def _note_stranger(self, frame: Frame) -> None:
+        """A motor's own command that we did not send: somebody else drives it. Shown until the operator's word."""
+        if not self.in_rounds:
+            return
+        for motor in self.motors:
+            if motor.codec.is_commanded_by(frame):
+                name = f"second controller: somebody else commands {motor.joint}"
+                self._strangers.add(name)
+                self._show(name, True)
 
     def _note_return(self, motor: Motor) -> None:
         """A motor that was silent for so long may have been without power, and not every protocol tells."""
@@ -224,6 +240,7 @@ class CanBus:
             self._judge(motor)
             motor.news = False
         state.stats(f"{self.name} frames", self.link.received)
+        state.stats(f"{self.name} error frames", self.link.error_frames)
         state.stats(f"{self.name} frames not understood", self._demultiplexer.not_understood)
         state.stats(f"{self.name} answers missed", sum(motor.missed for motor in self.motors))
         if not fresh:

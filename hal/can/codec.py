@@ -13,20 +13,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from hal.can.frame import Frame, IdFilter
-
-OVER_VOLTAGE = "over_voltage"
-UNDER_VOLTAGE = "under_voltage"
-OVER_CURRENT = "over_current"
-DRIVER_OVER_TEMPERATURE = "driver_over_temperature"
-MOTOR_OVER_TEMPERATURE = "motor_over_temperature"
-COMMUNICATION_LOST = "communication_lost"
-OVERLOAD = "overload"
-ENCODER = "encoder"
-UNCALIBRATED = "uncalibrated"
-DRIVER = "driver"
+from hal.can.messages import Feedback, Message
 
 WATCHDOG_S = "watchdog_s"
 CONTROL_MODE = "control_mode"
+ZERO_MARK = "zero_mark"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,43 +54,6 @@ class MotorCommand:
 
 
 @dataclass(frozen=True, slots=True)
-class Feedback:
-    """What one frame says of a motor; None where this frame does not carry the value.
-
-    faults: names that are present now; None where the frame says nothing of faults. enabled: the drive is on.
-    """
-
-    motor_id: int
-    pos_rad: float | None = None
-    vel_rad_s: float | None = None
-    torque_nm: float | None = None
-    temperature_c: float | None = None
-    faults: tuple[str, ...] | None = None
-    enabled: bool | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """The motor's answer to a read: `WATCHDOG_S`, `CONTROL_MODE` or another name of the codec's `setup_names`."""
-
-    motor_id: int
-    name: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Ack:
-    """The motor acknowledged something that is not state. ok: False where it refused."""
-
-    motor_id: int
-    what: str
-    ok: bool = True
-
-
-Message = Feedback | Parameter | Ack
-
-
-@dataclass(frozen=True, slots=True)
 class Found:
     """A motor that answered a probe. details: what its answer says (host id, serial number, firmware)."""
 
@@ -121,6 +75,11 @@ class CommandKind(enum.Enum):
     READ = "read"
     WRITE = "write"
     PROBE = "probe"
+    IDENTIFY = "identify"
+
+
+# What changes nothing in the motor.
+QUESTIONS = (CommandKind.REQUEST_STATE, CommandKind.READ, CommandKind.PROBE, CommandKind.IDENTIFY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +151,11 @@ class Codec(ABC):
         return False
 
     @property
+    def keeps_zero(self) -> bool:
+        """Whether the motor knows its zero after its power was off, up to whole turns."""
+        return True
+
+    @property
     @abstractmethod
     def reply_filter(self) -> IdFilter:
         """Arbitration ids of this motor's answers."""
@@ -240,6 +204,14 @@ class Codec(ABC):
         """Ask for it: the answer parses as Parameter(WATCHDOG_S). Empty where `has_watchdog` is False."""
         return ()
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """Ask for the maker's number: the answer parses as Identity. Empty where the protocol has none."""
+        return ()
+
+    def mark_zeroed(self, mark: float) -> tuple[Frame, ...]:
+        """Write `ZERO_MARK`, which the motor forgets together with its zero. Empty where it keeps no such number."""
+        return ()
+
     def read_setup(self) -> tuple[Frame, ...]:
         """Ask for every parameter in `setup_names`, one frame each in their order. Energises nothing."""
         return ()
@@ -255,6 +227,11 @@ class Codec(ABC):
     @abstractmethod
     def parse(self, frame: Frame) -> Message | None:
         """What this motor says with the frame; None for anything that is not certainly from it and understood."""
+
+    def is_commanded_by(self, frame: Frame) -> bool:
+        """Whether the frame, which is none of the motor's, asks it for more than an answer."""
+        asked = self.parse_command(frame, MotorCommand())
+        return asked is not None and asked.kind not in QUESTIONS
 
     @classmethod
     @abstractmethod
@@ -277,5 +254,6 @@ class Codec(ABC):
         """The motor's state as it sends it: after each command, or every `cyclic_period_s`."""
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
-        """The answer to READ (the parameter's value), WRITE and PROBE where it is not state; empty if there is none."""
+        """The answer to READ (the parameter's value), WRITE, PROBE and IDENTIFY (value: the serial number) where it is
+        not state; empty if there is none."""
         return ()

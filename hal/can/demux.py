@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from hal.can.codec import Message
 from hal.can.frame import Frame
+from hal.can.messages import Message
 from hal.can.motor import Motor
 
 

@@ -9,10 +9,11 @@ from core.errors import InputError
 from hal.can.bus import CanBus
 from hal.can.bus_load import BusLoad, bus_loads, check_loads
 from hal.can.motor import Motor
-from hal.can.robot_file import RobotFile, check_motors, load_robot_file
+from hal.can.robot_file import RobotFile, check_motor, check_motors, load_robot_file
 from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, switch_on
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.imu.reader import ImuReader
+from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox
@@ -46,7 +47,7 @@ class CanDriver:
         if file.imu is None:
             raise InputError("no imu", where="CAN robot", hint="a robot that is to balance needs one in its file")
         self.joint_names = robot.joint_names
-        self._file = file
+        self._robot, self._file = robot, file
         self._buses = [CanBus(file, bus.name, robot) for bus in file.buses if file.motors_of(bus.name)]
         self._imu = ImuReader(file.imu)
         self._energised = False
@@ -65,7 +66,7 @@ class CanDriver:
         for bus in self._buses:
             details[f"bus {bus.name}"] = _bus_line(bus, loads[bus.name])
             details |= {motor.joint: _motor_line(bus, motor) for motor in bus.motors}
-        return DeviceInfo("can", self.joint_names, self._watchdog_line(), details)
+        return DeviceInfo("can", self.joint_names, self._watchdog_line(), details, self._identities())
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver. The buses take turns within a period: their threads share one interpreter."""
@@ -108,7 +109,32 @@ class CanDriver:
         bus.link.open()
         if strangers := commanded_by_others(bus):
             return [f"bus {bus.name}: another controller commands {', '.join(strangers)}"]
-        return _collected(lambda motor: prepare(bus, motor, self._file.watchdog_s), bus.motors)
+        interface = bus.link.interface
+        return [
+            *([] if interface is None else interface.problems),
+            *_collected(lambda m: self._prepare(bus, m), bus.motors),
+        ]
+
+    def _prepare(self, bus: CanBus, motor: Motor) -> None:
+        prepare(bus, motor, self._file.watchdog_s)
+        entry = next(entry for entry in self._file.motors if entry.joint == motor.joint)
+        try:
+            check_motor(self._file, entry, motor.codec, self._robot)
+        except InputError as error:
+            raise DeviceFault(str(error)) from error
+
+    def _identities(self) -> dict[str, str]:
+        """See DeviceInfo."""
+        motors = {
+            motor.joint: f"{motor.codec.name} {motor.serial}"
+            for bus in self._buses
+            for motor in bus.motors
+            if motor.serial
+        }
+        adapters = {f"bus {bus.name}": bus.link.serial for bus in self._buses}
+        assert self._file.imu is not None
+        adapters["imu"] = adapter_serial(self._file.imu.port, "tty")
+        return motors | {name: f"adapter {serial}" for name, serial in adapters.items() if serial}
 
     def _each_bus(self, action: Callable[[CanBus], list[str]]) -> list[str]:
         """Do something to all buses at the same time; what went wrong."""
@@ -150,9 +176,10 @@ def _collected(action: Callable[[Motor], None], motors: Iterable[Motor]) -> list
 
 
 def _bus_line(bus: CanBus, load: BusLoad) -> str:
+    interface = "" if bus.link.interface is None else f", {bus.link.interface}"
     return (
         f"{bus.link.where}, {load.motors} motors, {load.rate_hz:g} Hz is {load.load:.0%} of the wire's "
-        f"{load.ceiling_hz:.0f} Hz"
+        f"{load.ceiling_hz:.0f} Hz, {bus.link.error_frames} error frames{interface}"
     )
 
 
@@ -160,7 +187,10 @@ def _motor_line(bus: CanBus, motor: Motor) -> str:
     warmth = "" if motor.temperature_c != motor.temperature_c else f", {motor.temperature_c:.0f} C"
     turns = int(bus.map.turns[motor.row])
     folded = f", {turns:+d} turns" if turns else ""
-    return f"{motor.codec.name} {motor.codec.model.name} id {motor.codec.motor_id} on {bus.name}{warmth}{folded}"
+    serial = f", serial number {motor.serial}" if motor.serial else ", no serial number"
+    return (
+        f"{motor.codec.name} {motor.codec.model.name} id {motor.codec.motor_id} on {bus.name}{serial}{warmth}{folded}"
+    )
 
 
 def _raise_all(problems: Sequence[str]) -> None:

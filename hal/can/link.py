@@ -13,9 +13,12 @@ from hal.can.endpoints import ECHOING
 from hal.can.frame import Frame
 from hal.can.socketcand import SocketcandBus
 from hal.contract.types import DeviceError
+from hal.wire.adapter import CanInterface, adapter_serial, can_interface
 
 # python-can raises its own errors, but also what the system and the adapters' libraries raise.
 ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
+SOCKETCAN = "socketcan"
+BUS_OFF = 0x40  # class of an error frame, linux/can/error.h
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
 
@@ -24,7 +27,7 @@ class CanLink:
 
     def __init__(self, name: str, arguments: dict[str, Any]) -> None:
         self.name, self.arguments = name, arguments
-        self.received = 0
+        self.received = self.error_frames = 0
         self._bus: can.BusABC | None = None
         self._echoes: Counter[tuple[int, bytes]] | None = None
 
@@ -37,6 +40,18 @@ class CanLink:
     def where(self) -> str:
         """For messages."""
         return f"{self.arguments['interface']} {self.arguments['channel']}"
+
+    @property
+    def interface(self) -> CanInterface | None:
+        """How the system has set it up, where it is an interface of the system."""
+        return can_interface(str(self.arguments["channel"])) if self.arguments["interface"] == SOCKETCAN else None
+
+    @property
+    def serial(self) -> str:
+        """Of the adapter; empty where it has none."""
+        kinds = {SOCKETCAN: "net", "slcan": "tty"}
+        kind = kinds.get(self.arguments["interface"])
+        return "" if kind is None else adapter_serial(str(self.arguments["channel"]), kind)
 
     def open(self) -> None:
         """Open the adapter. What was waiting in it is thrown away."""
@@ -91,6 +106,7 @@ class CanLink:
             if message is None:
                 return None
             if message.is_error_frame:
+                self._note_error(message.arbitration_id)
                 continue
             frame = Frame(
                 message.arbitration_id,
@@ -109,6 +125,13 @@ class CanLink:
         while self.receive(0.0) is not None:
             count += 1
         return count
+
+    def _note_error(self, kinds: int) -> None:
+        """The controller saw an error on the wire. Raises DeviceError where it has taken itself off the bus."""
+        self.error_frames += 1
+        if kinds & BUS_OFF:
+            self.close()
+            raise DeviceError(f"bus {self.name}: bus-off: too many errors on the wire of {self.where}")
 
     def _require(self) -> can.BusABC:
         if self._bus is None:

@@ -4,7 +4,8 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from hal.can.codec import Codec, Feedback, Message, MotorCommand
+from hal.can.codec import Codec, MotorCommand
+from hal.can.messages import Feedback, Message
 
 KEPT_QUESTIONS = 64
 DOUBT_ROUNDS = 8
@@ -60,7 +61,7 @@ class Motor:
 
     Values are the motor's own, nan until it has said them, stamped with the monotonic clock. enabled: the host has
     switched it on; switching: it is about to. damped_only: it has shown a fault; nothing but damping is sent until the
-    operator acknowledges. inbox: what it said last, for conversations.
+    operator acknowledges. inbox: what it said last, for conversations. serial: its maker's number; empty: it has none.
     """
 
     joint: str
@@ -84,6 +85,7 @@ class Motor:
     damped_only: bool = False
     last: MotorCommand | None = None
     missed: int = 0
+    serial: str = ""
     latched: set[str] = field(default_factory=set)
     inbox: deque[Message] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))
 

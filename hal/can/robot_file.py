@@ -105,7 +105,7 @@ class RobotFile:
     """All motors of a robot on their buses, polled rate_hz times a second.
 
     watchdog_s: the servos' own time limit without a command. band_margin_rad: how far beyond a joint's range its motor
-    may be found at start.
+    may be found at start. least_torque: share of the joint's torque limit that its motor must give, whatever `limits`.
     """
 
     robot: str
@@ -115,12 +115,14 @@ class RobotFile:
     imu: ImuOptions | None = None
     watchdog_s: float = 0.1
     band_margin_rad: float = 0.1
+    least_torque: float = 0.5
 
     def __post_init__(self) -> None:
         """Check names, ids and figures. Raises InputError."""
         for what in ("rate_hz", "watchdog_s"):
             positive(what, getattr(self, what))
         within("band_margin_rad", self.band_margin_rad, 0.0, math.pi)
+        within("least_torque", self.least_torque, 0.0, 1.0)
         if self.watchdog_s < 3.0 / self.rate_hz:
             expected = f"at least 3 rounds of the bus, {3e3 / self.rate_hz:g} ms"
             raise InputError("too small", where="watchdog_s", got=self.watchdog_s, expected=expected)
@@ -205,25 +207,33 @@ def load_robot_file(name_or_file: str | Path = DEFAULT_CONFIG) -> RobotFile:
 def check_motors(file: RobotFile, robot: Robot) -> None:
     """Refuse motors whose torque or gains do not reach what their joints ask for. Raises InputError naming the joint.
 
-    A motor may be weaker than its joint's torque limit where its line says so (`limits`).
+    A motor may be weaker than its joint's torque limit where its line says so (`limits`), down to `least_torque`.
     """
     for motor, codec in zip(file.motors, file.codecs):
-        i = robot.joint_names.index(motor.joint)
-        needed_nm = min(float(robot.torque_limit_nm[i]), motor.limits.torque_nm or math.inf)
-        asked = (
-            ("Nm", needed_nm, codec.model.torque_nm * motor.gear),
-            ("Nm/rad", float(robot.kp[i]), codec.model.kp * motor.gear**2),
-            ("Nm s/rad", float(max(robot.kd[i], robot.damping_kd[i])), codec.model.kd * motor.gear**2),
-        )
-        for unit, needed, given in asked:
-            if given < needed * (1.0 - ROUNDING):
-                raise InputError(
-                    f"{motor.model} is too weak",
-                    where=f"motor of {motor.joint}",
-                    got=f"{given:g} {unit} at the joint",
-                    expected=f"{needed:g} {unit}",
-                    hint="torque may be limited in the file (`limits: {torque_nm: ...}`)" if unit == "Nm" else None,
-                )
+        check_motor(file, motor, codec, robot)
+
+
+def check_motor(file: RobotFile, motor: MotorEntry, codec: Codec, robot: Robot) -> None:
+    """Likewise of one motor, with the ranges that it says it has. Raises InputError."""
+    i = robot.joint_names.index(motor.joint)
+    limit_nm = float(robot.torque_limit_nm[i])
+    needed_nm = max(min(limit_nm, motor.limits.torque_nm or math.inf), file.least_torque * limit_nm)
+    asked = (
+        ("Nm", needed_nm, min(codec.model.torque_nm * motor.gear, motor.limits.torque_nm or math.inf)),
+        ("Nm/rad", float(robot.kp[i]), codec.model.kp * motor.gear**2),
+        ("Nm s/rad", float(max(robot.kd[i], robot.damping_kd[i])), codec.model.kd * motor.gear**2),
+    )
+    for unit, needed, given in asked:
+        if given < needed * (1.0 - ROUNDING):
+            raise InputError(
+                f"{motor.model} is too weak",
+                where=f"motor of {motor.joint}",
+                got=f"{given:g} {unit} at the joint",
+                expected=f"{needed:g} {unit}",
+                hint=f"torque may be limited in the file (`limits: {{torque_nm: ...}}`) down to {file.least_torque:.0%}"
+                if unit == "Nm"
+                else None,
+            )
 
 
 def _range_of(motor: MotorEntry, robot: Robot) -> tuple[float, float]:

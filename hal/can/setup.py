@@ -3,14 +3,17 @@
 from collections.abc import Callable
 
 from hal.can.bus import CanBus
-from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, Message, MotorCommand, Parameter
+from hal.can.codec import WATCHDOG_S, ZERO_MARK, CommandKind, MotorCommand
 from hal.can.frame import Frame
+from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.can.motor import Motor
 from hal.can.talk import ask, listen
+from hal.can.zero_mark import require_mark
 from hal.contract.types import DeviceError, DeviceFault
 
 SWITCH_TRIES = 10
 ANSWER_TRIES = 6
+IDENTITY_TRIES = 2
 WATCHDOG_TOLERANCE = 0.02
 LISTEN_S = 0.05
 COMMANDING = (CommandKind.CONTROL, CommandKind.GAINS, CommandKind.ENABLE)
@@ -28,10 +31,11 @@ def commanded_by_others(bus: CanBus) -> list[str]:
 
 
 def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = True) -> None:
-    """Watchdog set and read back, scaling read or compared, position inside the joint's band. Energises nothing.
+    """Watchdog set and read back, scaling read or compared, zero known, position inside the joint's band, which the
+    motor's range holds; its serial number, where it has one. Energises nothing.
 
-    calibrated: False where the band says nothing yet. Raises DeviceError where the motor is silent, DeviceFault where
-    what it says cannot be used.
+    calibrated: False where zero and band say nothing yet. Raises DeviceError where the motor is silent, DeviceFault
+    where what it says cannot be used.
     """
     _set_watchdog(bus, motor, watchdog_s)
     asked = zip(motor.codec.setup_names, motor.codec.read_setup())
@@ -40,7 +44,13 @@ def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = 
     state = _state(bus, motor)
     motor.codec.check_feedback(parameters, state)
     if calibrated:
+        require_mark(bus, motor, parameters.get(ZERO_MARK))
         bus.settle_turns(motor)
+        _check_reach(bus, motor)
+    answer = ask(
+        bus, motor, motor.codec.ask_identity(), lambda message: isinstance(message, Identity), tries=IDENTITY_TRIES
+    )
+    motor.serial = answer.serial if isinstance(answer, Identity) else ""
 
 
 def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
@@ -78,6 +88,18 @@ def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> Non
     if on:
         switch_on(bus, motor)
     bus.forget(motor)
+
+
+def _check_reach(bus: CanBus, motor: Motor) -> None:
+    """Refuse a joint's band that leaves the range of the motor's positions: a target would be cut off silently."""
+    row = [motor.row]
+    ends_rad = [float(bus.map.take(row).raw_rad(band[row])[0]) for band in bus.bands]
+    most_rad = motor.codec.model.pos_rad
+    if max(map(abs, ends_rad)) > most_rad:
+        raise DeviceFault(
+            f"{motor.name}: its joint's band is {min(ends_rad):.3f} to {max(ends_rad):.3f} rad at the motor, whose"
+            f" positions end at {most_rad:g} rad: raise its range (Damiao: register 21), or set its zero nearer"
+        )
 
 
 def _set_watchdog(bus: CanBus, motor: Motor, watchdog_s: float) -> None:

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from hal.can.bus import CanBus
-from hal.can.codec import Message
 from hal.can.frame import Frame
+from hal.can.messages import Message
 from hal.can.motor import Motor
 
 YIELD_S = 0.002
@@ -26,6 +26,8 @@ def ask(
     Rounds may run meanwhile: they hold the wire in turn, and what they hear counts as an answer as well.
     """
     motor.inbox.clear()
+    if not frames:
+        return None
     for _ in range(tries):
         _say(bus, motor, frames, max(PATIENCE_S, patience_s))
         until_s = time.monotonic() + PATIENCE_S

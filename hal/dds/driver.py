@@ -11,7 +11,7 @@ from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.dds.command import CommandFrames
 from hal.dds.link import DdsLink
 from hal.dds.motion_service import MotionService
-from hal.dds.observation import refusals
+from hal.dds.observation import hand_refusal, refusals
 from hal.dds.options import DdsOptions, load_dds_options
 from hal.dds.slots import SlotMap
 from hal.dds.state_reader import STATE_TOPIC, StateReader
@@ -61,7 +61,9 @@ class DdsDriver:
         self._await_states(self._states)
         observed = self._states.observed()
         self._clock = TickClock.fitted([int(message["tick"]) for message, _ in observed], [s for _, s in observed])
-        reasons = refusals([message for message, _ in observed], self._states.counts, options.held)
+        messages = [message for message, _ in observed]
+        reasons = refusals(messages, self._states.counts, options.held, options.mode_machine)
+        reasons += hand_refusal(self._link.published_topics())
         if reasons:
             raise DeviceFault(f"dds: refused, {self._link.name}: {'; '.join(reasons)}")
         active = "" if self._service is None else self._service.active_mode()
@@ -76,7 +78,8 @@ class DdsDriver:
             "commands": f"{options.command_hz:g} Hz",
             "ages": "by the robot's tick" if self._clock.usable else "by arrival, the robot's tick is no millisecond",
         }
-        return DeviceInfo("Unitree G1", self.joint_names, details=details)
+        robot = f"G1, mode_machine {details['mode_machine']}, version {details['version']}"
+        return DeviceInfo("Unitree G1", self.joint_names, details=details, identities={"robot": robot})
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -23,6 +24,7 @@ from hal.contract.types import DeviceError
 LOOPBACK = "lo"
 DOMAINS = range(233)
 POLL_S = 0.05
+TOPICS_MAX = 1000
 END_S = 1.0
 _INTERFACE = re.compile(r"[A-Za-z0-9_.:-]{1,15}")
 
@@ -73,6 +75,11 @@ class DdsLink:
         """A reliable reader that keeps the newest `depth` samples."""
         qos = Qos(Policy.Reliability.Reliable(max_blocking_time=0), Policy.History.KeepLast(depth))
         return DataReader(self._participant, self._topic(topic, kind), qos=qos)
+
+    def published_topics(self) -> set[str]:
+        """The names of the topics that anybody in the domain publishes, as far as they have been discovered."""
+        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        return {sample.topic_name for sample in found.take(TOPICS_MAX)}
 
     def writer(self, topic: str, kind: Any) -> DataWriter:
         """A writer."""

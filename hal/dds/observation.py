@@ -1,6 +1,6 @@
 """What is wrong with a robot, from what it said before anybody commanded it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -8,24 +8,35 @@ from hal.dds.slots import DISCONNECTED, SLOT_NAMES, SLOTS, HeldMotor, machine_re
 from hal.dds.state_reader import Counts
 
 RANGE_MARGIN_RAD = 0.1
+DRIVEN_HANDS = ("rt/dex3/", "rt/inspire/", "rt/brainco/")
 SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
 
 
-def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor]) -> list[str]:
-    """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival."""
+def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor], mode_machine: int) -> list[str]:
+    """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival.
+
+    mode_machine: the machine that robot file and actors are for.
+    """
     if counts.bad_checksum:
         share = f"{counts.bad_checksum} of {counts.heard}"
         return [f"bad checksum in {share} LowStates"]
     if not messages:
         return [f"{counts.malformed} messages on rt/lowstate that are no LowState"]
     last = messages[-1]
-    reasons = [] if (refused := machine_refusal(int(last["mode_machine"]))) is None else [refused]
+    refused = machine_refusal(int(last["mode_machine"]), mode_machine)
+    reasons = [] if refused is None else [refused]
     if int(last["mode_pr"]) != 0:
         reasons.append("mode_pr is not 0: ankles and waist are reported as parallel motors, restart the robot")
     reasons += _ticks(messages)
     reasons += _motors(messages)
     reasons += _held_ranges(last, held)
     return reasons
+
+
+def hand_refusal(topics: Iterable[str]) -> list[str]:
+    """topics: what is published in the domain. Driven hands weigh more than the model's rubber ones."""
+    found = sorted({topic for topic in topics if topic.startswith(DRIVEN_HANDS)})
+    return [f"driven hands are there ({', '.join(found)}), the robot's model has rubber ones"] if found else []
 
 
 def _ticks(messages: Sequence[np.ndarray]) -> list[str]:

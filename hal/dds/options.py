@@ -7,9 +7,10 @@ from pathlib import Path
 from core.config import load_options
 from core.errors import InputError
 from core.structured import one_of, positive, within
-from hal.dds.slots import HeldMotor
+from hal.dds.slots import FULL_MACHINES, HeldMotor
 
 SERVICES = ("release", "none")
+HANDS = ("rubber",)
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class DdsOptions:
     observe_s: float
     motion_service: str
     release_s: float
+    mode_machine: int
+    hands: str
     held_speed_rad_s: float
     held: tuple[HeldMotor, ...]
     emulator: EmulatorOptions
@@ -49,6 +52,8 @@ class DdsOptions:
         within("command_hz", self.command_hz, 50, 1000)
         within("domain", self.domain, 0, 232)
         one_of("motion_service", self.motion_service, SERVICES)
+        one_of("mode_machine", self.mode_machine, sorted(FULL_MACHINES), "no G1 with 29 free motors")
+        one_of("hands", self.hands, HANDS, "hands that the robot's model does not have, at the end of its arms")
 
 
 def load_dds_options(config: Path, endpoints: Mapping[str, str]) -> DdsOptions:

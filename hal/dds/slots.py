@@ -93,10 +93,18 @@ class SlotMap:
         self.held = np.array([SLOT_NAMES.index(joint.name) for joint in held], dtype=int)
 
 
-def machine_refusal(mode_machine: int) -> str | None:
-    """Why a machine cannot be driven; None where it can: it has all 29 motors and a free waist."""
-    if mode_machine in FULL_MACHINES:
+def machine_refusal(mode_machine: int, described: int) -> str | None:
+    """Why a machine cannot be driven; None where it is the one described: all 29 motors, a free waist, its generation.
+
+    described: the mode_machine that robot file and actors are for.
+    """
+    if mode_machine == described:
         return None
+    if mode_machine in FULL_MACHINES:
+        return (
+            f"mode_machine {mode_machine} is a G1 of another generation than {described}, which robot file and"
+            " actors are for: gears and wrist motors differ; write `mode_machine` where you have those for it"
+        )
     what = REFUSED_MACHINES.get(mode_machine, "unknown")
     expected = ", ".join(str(mode) for mode in sorted(FULL_MACHINES))
     return f"mode_machine {mode_machine} is {what}, expected a G1 with 29 free motors ({expected})"

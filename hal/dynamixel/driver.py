@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.errors import InputError
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.dynamixel.group import ServoGroup
 from hal.dynamixel.port import latency_timer_ms
@@ -15,6 +16,7 @@ from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load
 from hal.dynamixel.setup import FoundServo
 from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
+from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox
@@ -35,14 +37,18 @@ class DynamixelFactory:
 
 
 def make_factory(config: Path, endpoints: Mapping[str, str]) -> DynamixelFactory:
-    """endpoints: device files by port name, and `imu`, in place of the file's. Raises InputError; opens nothing."""
-    return DynamixelFactory(with_endpoints(load_dynamixel(config), endpoints))
+    """endpoints: device files by port name, and `imu`, in place of the file's: those of an emulator, which alone has
+    stand-ins. Raises InputError; opens nothing."""
+    options = load_dynamixel(config)
+    if not endpoints:
+        options.check_real()
+    return DynamixelFactory(with_endpoints(options, endpoints))
 
 
 class DynamixelDriver:
     """See hal.wire.driver.Driver. Damping: P = I = 0 and D for the robot's damping kd, torque on.
 
-    Raises InputError where the file's joints are not the robot's.
+    Raises InputError where the file's joints are not the robot's, or a servo is too weak for its joint.
     """
 
     def __init__(self, robot: Robot, options: DynamixelOptions) -> None:
@@ -50,6 +56,8 @@ class DynamixelDriver:
         self.joint_names = robot.joint_names
         self._robot, self._options = robot, options
         self._groups = [ServoGroup(options, port, robot) for port in options.ports]
+        for group in self._groups:
+            check_strength(group.translation, robot, options.least_torque)
         self._imu = ImuReader(options.imu)
 
     def identify(self) -> DeviceInfo:
@@ -68,7 +76,7 @@ class DynamixelDriver:
             raise DeviceFault("; ".join(problems))
         watchdog_ms = 1e3 * self._options.watchdog_counts * WATCHDOG_UNIT_S
         watchdog = f"each servo's own, {watchdog_ms:.0f} ms, read back: it stops and holds where it is"
-        return DeviceInfo("dynamixel", self.joint_names, watchdog, details)
+        return DeviceInfo("dynamixel", self.joint_names, watchdog, details, self._identities())
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""
@@ -91,6 +99,13 @@ class DynamixelDriver:
         for group in self._groups:
             group.close()
         self._imu.close()
+
+    def _identities(self) -> dict[str, str]:
+        """See DeviceInfo. Servos have no number of their own."""
+        files = {f"port {group.options.name}": group.options.device for group in self._groups}
+        files["imu"] = self._options.imu.port
+        serials = {name: adapter_serial(device, "tty") for name, device in files.items()}
+        return {name: f"adapter {serial}" for name, serial in serials.items() if serial}
 
     def _on_all(self, action: Callable[[ServoGroup], list[str]]) -> None:
         """Do something on all ports at once. Raises DeviceFault naming everything that went wrong."""
@@ -133,6 +148,16 @@ class DynamixelDriver:
             f"{seen.temperature_c} C; {law}"
             for servo, seen, law in zip(group.servos, found, laws)
         }
+
+
+def check_strength(translation: Translation, robot: Robot, least_torque: float) -> None:
+    """Refuse servos that do not give this share of their joint's torque limit. Raises InputError naming the joint."""
+    needed_nm = least_torque * robot.torque_limit_nm[translation.index]
+    for name, given, needed in zip(translation.map.joint_names, translation.limit_nm.tolist(), needed_nm.tolist()):
+        if given < needed:
+            hint = "another servo, a gear, or the robot file of a lighter robot (--robot)"
+            expected = f"at least {needed:.3g} Nm, {least_torque:.0%} of the joint's limit"
+            raise InputError("servo is too weak", where=name, got=f"{given:.3g} Nm", expected=expected, hint=hint)
 
 
 def law_lines(translation: Translation, robot: Robot) -> list[str]:

@@ -1,9 +1,7 @@
 """The servos of one port: what is sent to them and what they say, round by round."""
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 
 import numpy as np
 
@@ -11,6 +9,7 @@ from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel import setup
+from hal.dynamixel.jobs import JobQueue
 from hal.dynamixel.port import PATIENT_S, ServoPort, Silent
 from hal.dynamixel.questions import Heard, StateQuestions
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions
@@ -26,7 +25,8 @@ INSPECT_EVERY = 4
 LATE_S = 0.1
 REOPEN_S = 0.5
 RETURN_S = 3.0
-JOB_S = 6.0
+LISTEN_S = 0.05
+STRANGER = "second controller: somebody else commands servos"
 
 
 class ServoGroup:
@@ -57,7 +57,7 @@ class ServoGroup:
         self._alerts: set[int] = set()
         self._rounds = self._missed = 0
         self._retry_s = 0.0
-        self._jobs: deque[tuple[Job[None], Future[None]]] = deque()
+        self._jobs = JobQueue()
         self._rounds_run = False
         self._sent: tuple[Outgoing | None, bytes] = (None, b"")
         self._state: StateBoard | None = None
@@ -68,7 +68,7 @@ class ServoGroup:
         """Open, find, check and set up every servo. What was found, and everything that is wrong. Energises nothing."""
         self.port.open()
         found: list[FoundServo] = []
-        problems: list[str] = []
+        problems = [f"{self.options.name}: {STRANGER}"] if self.port.hears_strangers(LISTEN_S) else []
         for servo in self.servos:
             try:
                 seen, wrong = setup.run(setup.find(self.port, servo))
@@ -102,6 +102,8 @@ class ServoGroup:
         if not self.port.is_open:
             return [f"{self.options.name}: {self.port.device} is gone"]
         self._show(self._lost_name, False)
+        self.port.strangers = 0
+        self._show(f"{STRANGER} on {self.options.name}", False)
         rows = [row for row, faults in enumerate(self._faults) if faults]
         self._each(self._reboot_if_shut_down, rows)
         end_s = time.monotonic() + RETURN_S
@@ -121,22 +123,12 @@ class ServoGroup:
         for row in rows:
             try:
                 if self._rounds_run:
-                    self._hand_over(action(row))
+                    self._jobs.hand_over(action(row))
                 else:
                     setup.run(action(row))
             except DeviceError as error:
                 problems.append(f"{self.servos[row].name}: {error}")
         return problems
-
-    def _hand_over(self, job: Job[None]) -> None:
-        """Have the rounds' thread do a job, and wait. Raises what it raises; DeviceError where it takes too long."""
-        done: Future[None] = Future()
-        self._jobs.append((job, done))
-        try:
-            done.result(JOB_S)
-        except TimeoutError as error:
-            done.cancel()
-            raise DeviceError(f"not done within {JOB_S:g} s") from error
 
     def _enable(self, row: int) -> Job[None]:
         yield from setup.enable(self.port, self.servos[row])
@@ -174,7 +166,7 @@ class ServoGroup:
                 if self.port.is_open or self._reopened():
                     self._round(outbox, state)
             finally:
-                self._work(until_s)
+                self._jobs.work(until_s)
 
         self._rounds_run, self.port.answer_s = True, ANSWER_SHARE * self._period_s
         return Cycle(f"dynamixel {self.options.name}", self._period_s, run)
@@ -222,6 +214,8 @@ class ServoGroup:
         self._rounds += 1
         self._missed += int((self._stamp_s < self._asked_s).sum())
         state.stats(f"{self.options.name} answers missed", self._missed)
+        if self.port.strangers:
+            self._show(f"{STRANGER} on {self.options.name}", True)
         state.stats(f"{self.options.name} bad packets", self._questions.bad_packets + self.port.bad_packets)
         if not rows:
             return
@@ -253,25 +247,6 @@ class ServoGroup:
             self._fault(row, "its torque went off: it has restarted or shut down")
         elif r.BUS_WATCHDOG.unpack(answer.params, r.HEALTH_START) < 0:
             self._fault(row, "its watchdog has expired")
-
-    def _work(self, until_s: float) -> None:
-        """Go on with the jobs that wait, as far as there is time; at least one exchange."""
-        while self._jobs:
-            job, done = self._jobs[0]
-            try:
-                if done.cancelled():
-                    job.close()
-                next(job)
-            except StopIteration:
-                self._jobs.popleft()
-                if done.set_running_or_notify_cancel():
-                    done.set_result(None)
-            except Exception as error:
-                self._jobs.popleft()
-                if done.set_running_or_notify_cancel():
-                    done.set_exception(error)
-            if time.monotonic() >= until_s:
-                return
 
     def _fault(self, row: int, reason: str) -> None:
         name = f"motor_fault:{self.servos[row].joint}: {reason}"

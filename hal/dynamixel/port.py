@@ -3,6 +3,7 @@
 import os
 import select
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hal.dynamixel.protocol2 import Packet, PacketParser
 
 CHUNK = 4096
 PATIENT_S = 0.1
+SENT_KEPT = 8
 SYSFS = Path("/sys/bus/usb-serial/devices")
 
 
@@ -28,12 +30,14 @@ class Silent(DeviceError):
 class ServoPort:
     """Packets to and from the servos of one port, one exchange at a time. For one thread at a time.
 
-    answer_s: how long to wait for one servo's answer; long, until rounds run that must not wait.
+    answer_s: how long to wait for one servo's answer; long, until rounds run that must not wait. strangers: packets to
+    servos that were heard though we had not sent them.
     """
 
     def __init__(self, device: str, baud: int) -> None:
         self.device, self.baud = device, baud
-        self.bad_packets = 0
+        self.bad_packets = self.strangers = 0
+        self._sent: deque[bytes] = deque(maxlen=SENT_KEPT)
         self.answer_s = PATIENT_S
         self._port: serial.Serial | None = None
 
@@ -57,6 +61,7 @@ class ServoPort:
 
     def send(self, frame: bytes) -> None:
         """Send what nobody answers. Raises DeviceError where the port is gone."""
+        self._sent.append(frame)
         view = memoryview(frame)
         try:
             while view:
@@ -104,7 +109,20 @@ class ServoPort:
             raise self._gone(error) from error
         if not data:
             raise self._gone(EOFError("end of file"))
+        self._look_for_strangers(data)
         return data
+
+    def hears_strangers(self, seconds: float) -> bool:
+        """Whether somebody else is heard on the line, before we have said anything."""
+        until_s = time.monotonic() + seconds
+        while self.receive(until_s):
+            pass
+        return self.strangers > 0
+
+    def _look_for_strangers(self, data: bytes) -> None:
+        """Whole packets that are no answers, and no echo of our own."""
+        for packet in p2.instructions_in(data):
+            self.strangers += not any(packet in frame for frame in self._sent)
 
     def _forget(self) -> None:
         """Drop what came too late."""

@@ -226,6 +226,19 @@ def decode(frame: bytes) -> Packet | None:
     return Packet(frame[4], STATUS, body[2:], body[1]) if len(body) > 1 else None
 
 
+def instructions_in(data: bytes) -> list[bytes]:
+    """The whole and intact packets among some bytes that are no status: what a host sends."""
+    found, start = [], data.find(HEADER)
+    while start >= 0:
+        if len(data) > start + PREFIX_BYTES and data[start + PREFIX_BYTES] != STATUS:
+            (length,) = _U16.unpack_from(data, start + 5)
+            frame = data[start : start + PREFIX_BYTES + length]
+            if decode(frame) is not None:
+                found.append(frame)
+        start = data.find(HEADER, start + 1)
+    return found
+
+
 def _framed(servo_id: int, body: bytes) -> bytes:
     stuffed = body.replace(_PATTERN, _STUFFED)
     frame = HEADER + bytes((servo_id,)) + _U16.pack(len(stuffed) + 2) + stuffed

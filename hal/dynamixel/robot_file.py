@@ -64,7 +64,8 @@ class StandIn:
 class DynamixelOptions:
     """The whole robot. supply_v: what its gains are reckoned with. watchdog_s: the servos', in steps of 20 ms.
 
-    rate_hz: rounds per second and port. Raises InputError naming what cannot be.
+    rate_hz: rounds per second and port. least_torque: share of a joint's torque limit that its servo must give.
+    Raises InputError naming what cannot be.
     """
 
     rate_hz: float
@@ -74,6 +75,7 @@ class DynamixelOptions:
     servos: tuple[ServoOptions, ...]
     imu: ImuOptions
     stand_ins: tuple[StandIn, ...] = ()
+    least_torque: float = 0.5
 
     def __post_init__(self) -> None:
         """Check ids, names, rates and loads."""
@@ -83,6 +85,7 @@ class DynamixelOptions:
         if self.watchdog_s < 3.0 / self.rate_hz:
             expected = f"at least 3 rounds, {3.0 / self.rate_hz:.3f} s"
             raise InputError("too small", where="watchdog_s", got=self.watchdog_s, expected=expected)
+        within("least_torque", self.least_torque, 0.0, 1.0)
         self._check_ports()
         self._check_servos()
         for port in self.ports:
@@ -98,6 +101,13 @@ class DynamixelOptions:
             if stand_in.name == servo.model:
                 return find_model(stand_in.based_on).stand_in(servo.model, stand_in.stall_nm, stand_in.no_load_rad_s)
         return find_model(servo.model)
+
+    def check_real(self) -> None:
+        """Raises InputError where a servo is one that does not exist."""
+        names = [stand_in.name for stand_in in self.stand_ins]
+        if invented := [servo.joint for servo in self.servos if servo.model in names]:
+            hint = "add --emulate, or write a file of the servos that are there (configs/hal/dynamixel_desk.yaml)"
+            raise InputError("stand_ins, which only an emulator has", where=", ".join(invented), hint=hint)
 
     @property
     def watchdog_counts(self) -> int:

@@ -9,7 +9,7 @@ from hal.can.robot_file import IMU, load_robot_file
 from hal.emulator.can_bus import BusLine
 from hal.emulator.can_wire import File
 from hal.emulator.device import DeviceSide, Worker
-from hal.emulator.faults import FaultKind, Faults
+from hal.emulator.faults import SECOND_CONTROLLER, FaultKind, Faults
 from hal.emulator.imu import IMU_FAULTS, ImuLine
 from hal.emulator.robot import EmulatedRobot
 
@@ -70,7 +70,11 @@ class CanDevice(DeviceSide):
     """All buses of a robot file, with its IMU on a pseudo-terminal."""
 
     default_config = "can_g1"
-    fault_kinds: ClassVar[Mapping[str, FaultKind]] = IMU_FAULTS
+    fault_kinds: ClassVar[Mapping[str, FaultKind]] = {
+        **IMU_FAULTS,
+        "second_controller": SECOND_CONTROLLER,
+        "other_motor": FaultKind("is another one of the same model: its serial number differs"),
+    }
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
         file = load_robot_file(config)

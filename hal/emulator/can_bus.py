@@ -100,6 +100,16 @@ class BusLine:
                 motor.power_up(self._robot.joints())
         for motor in self.motors:
             motor.keep(now_s)
+        if self.motors and self._faults.active("second_controller", self._bus.name):
+            self._command_as_another(self.motors[0], now_s)
+
+    def _command_as_another(self, motor: EmulatedMotor, now_s: float) -> None:
+        """Another node commands a motor: the motor hears it, and so does the host."""
+        frames = motor.codec.damping(1.0)
+        self.wire.send(list(frames))
+        with self._robot.lock:
+            for frame in frames:
+                self._hear(frame, now_s, now_s)
 
     def speak(self, now_s: float) -> None:
         """Give the host what is due."""

@@ -1,12 +1,13 @@
 """One emulated CAN servo of any codec, on the robot's joint: what it knows, obeys and answers."""
 
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hal.can import codec as codecs
+from hal.can import fault_names
 from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Codec, CommandKind, DeviceCommand, MotorCommand, MotorState
-from hal.can.codecs import cubemars, damiao, moteus, odrive_tables, robstride, robstride_tables
+from hal.can.codecs import cubemars, damiao, moteus, odrive, odrive_tables, robstride, robstride_tables
 from hal.can.frame import Frame
 from hal.can.robot_file import MotorEntry
 from hal.contract.joint_map import TURN_RAD
@@ -23,10 +24,12 @@ FAULT_CODES: Mapping[str, Mapping[int, str]] = {
     "moteus": moteus.FAULTS,
 }
 ENABLED_BY_COMMANDS = ("moteus",)
-COMMONEST = {"moteus": codecs.UNDER_VOLTAGE}
+COMMONEST = {"moteus": fault_names.UNDER_VOLTAGE}
 # No code stands for exactly zero: steps of a whole range, half of one of which a motor takes for zero.
 STEPS = {"damiao": 4095, "cubemars": 4095, "robstride": 65_535}
 GAIN_SLACK = 1.0 + 1e-6
+ODRIVE_NM_A = 0.5
+NEWEST_FIRMWARE = 0x00_63_00_00
 
 
 @dataclass
@@ -59,6 +62,7 @@ class EmulatedMotor:
         self._zero_rad_s = GAIN_SLACK * codec.model.vel_rad_s / steps if steps else 0.0
         self._zero_nm = GAIN_SLACK * codec.model.torque_nm / steps if steps else 0.0
         self.next_s = 0.0
+        self.serial = zlib.crc32(f"{entry.joint} {codec.name}".encode()) >> 1
         self.power_up(robot.joints())
 
     def power_up(self, measured: Joints) -> None:
@@ -70,7 +74,9 @@ class EmulatedMotor:
         self.fed_s = -math.inf
         self._was_powered = self._was_zeroed = True
         self._shift_rad = 0.0
-        if self.entry.fold:
+        if not self.codec.keeps_zero:
+            self._shift_rad = -self._raw_rad(measured)
+        elif self.entry.fold:
             self._shift_rad = -TURN_RAD * round(self._raw_rad(measured) / TURN_RAD)
         self._robot.slack(self.joint.index)
 
@@ -135,13 +141,18 @@ class EmulatedMotor:
                 self.values[asked.name] = asked.value
 
     def _answer(self, asked: DeviceCommand) -> tuple[Frame, ...]:
-        if asked.kind in (CommandKind.READ, CommandKind.PROBE, CommandKind.WRITE):
-            answers = self.codec.reply_frames(asked, self._value(asked.name))
+        if asked.kind in (CommandKind.READ, CommandKind.PROBE, CommandKind.WRITE, CommandKind.IDENTIFY):
+            value = self._serial() if asked.kind is CommandKind.IDENTIFY else self._value(asked.name)
+            answers = self.codec.reply_frames(asked, value)
             if answers or asked.kind is not CommandKind.WRITE:
                 return answers
         if self.codec.cyclic_period_s is not None and asked.kind is not CommandKind.REQUEST_STATE:
             return ()
         return self.state_frames()
+
+    def _serial(self) -> float:
+        """The maker's number of this motor; with the fault, that of another."""
+        return self.serial if self._faults.active("other_motor", *self.keys) is None else self.serial ^ 1
 
     def _value(self, name: str) -> float:
         model = self.codec.model
@@ -150,6 +161,11 @@ class EmulatedMotor:
             damiao.POS_RANGE_RAD: model.pos_rad,
             damiao.VEL_RANGE_RAD_S: model.vel_rad_s,
             damiao.TORQUE_RANGE_NM: model.torque_nm,
+            odrive.VEL_LIMIT: model.vel_rad_s / TURN_RAD,
+            odrive.CURRENT_LIMIT_A: model.torque_nm / ODRIVE_NM_A,
+            odrive.TORQUE_CONSTANT: ODRIVE_NM_A,
+            robstride.TORQUE_LIMIT_NM: model.torque_nm,
+            robstride.FIRMWARE: float(NEWEST_FIRMWARE),
         }
         if name == robstride.MECHANICAL_POS_RAD:
             return self._raw_rad(self._robot.joints()) + self._shift_rad + self._lost_rad()
@@ -193,7 +209,7 @@ class EmulatedMotor:
 
     def _fault_name(self, code: int) -> str:
         names = FAULT_CODES[self.codec.name]
-        commonest = COMMONEST.get(self.codec.name, codecs.OVER_CURRENT)
+        commonest = COMMONEST.get(self.codec.name, fault_names.OVER_CURRENT)
         return names.get(code, commonest)
 
     def _raw_rad(self, measured: Joints) -> float:

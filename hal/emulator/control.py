@@ -83,9 +83,13 @@ class ControlClient:
         """Let the robot go, gently."""
         self.ask("release_gantry")
 
-    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
-        """Hang the robot up anew, its devices as after switching on; faults stay."""
-        self.ask("reset", start_noise_rad=start_noise_rad, seed=seed)
+    def lean(self, *, forwards_rad: float = 0.0, left_rad: float = 0.0) -> None:
+        """Lean the base by hand within a second, and hold it there."""
+        self.ask("lean", forwards_rad=forwards_rad, left_rad=left_rad)
+
+    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0, lift_m: float = 0.0) -> None:
+        """Hang the robot up anew, lifted from the ground or on it, its devices as after switching on; faults stay."""
+        self.ask("reset", start_noise_rad=start_noise_rad, seed=seed, lift_m=lift_m)
 
     def fault(self, kind: str, key: str = "*", *, value: float | None = None, duration_s: float | None = None) -> None:
         """Begin a fault now; without a duration it lasts until it is cleared."""

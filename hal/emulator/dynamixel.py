@@ -10,8 +10,8 @@ from hal.dynamixel import registers as r
 from hal.dynamixel.protocol2 import Answer, Packet, PacketParser
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions, joint_map, load_dynamixel
 from hal.emulator.device import DeviceSide, Worker
-from hal.emulator.dynamixel_servo import ROOM_C, EmulatedServo
-from hal.emulator.faults import DelayLine, FaultKind, Faults
+from hal.emulator.dynamixel_servo import ROOM_C, EmulatedServo, command_of_another
+from hal.emulator.faults import SECOND_CONTROLLER, DelayLine, FaultKind, Faults
 from hal.emulator.imu import IMU_FAULTS, KEY, ImuLine
 from hal.emulator.pty import Terminal
 from hal.emulator.robot import EmulatedRobot, Joints
@@ -114,6 +114,8 @@ class PortLine:
             servo.warm(ROOM_C if heat is None else heat)
             if (code := self._faults.value("fault_code", servo.joint)) is not None:
                 servo.fail(OVERLOAD if code < 0 else int(code) & 0xFF)
+        if self._terminal is not None and self._faults.active("second_controller", self._options.name):
+            self._terminal.write(command_of_another(self.servos.values()))
         self._obey()
 
     def _watch(self, now_s: float) -> None:
@@ -246,7 +248,7 @@ class DynamixelDevice(DeviceSide):
     """All ports of a robot file, and its IMU."""
 
     default_config = "dynamixel_g1"
-    fault_kinds: ClassVar[Mapping[str, FaultKind]] = IMU_FAULTS
+    fault_kinds: ClassVar[Mapping[str, FaultKind]] = {**IMU_FAULTS, "second_controller": SECOND_CONTROLLER}
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
         options = load_dynamixel(config)

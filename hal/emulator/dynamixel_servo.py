@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -18,6 +19,7 @@ ROOM_C = 35
 FACTORY_P = 800
 HOTTEST_C = 80
 OVERHEATING = 1 << 2
+ASIDE_COUNTS = 3
 RANGES: dict[Register, tuple[int, int]] = {
     r.RETURN_DELAY: (0, 254),
     r.DRIVE_MODE: (0, 13),
@@ -196,6 +198,14 @@ class EmulatedServo:
         ):
             self._set(register, value)
         return bytes(self.table[:EEPROM_END])
+
+
+def command_of_another(servos: Iterable[EmulatedServo]) -> bytes:
+    """Another host on the line holds the servos about where they are: they obey, and this is what all hear of it."""
+    goals = {servo.id: r.GOAL_POSITION.pack(servo.get(r.PRESENT_POSITION) + ASIDE_COUNTS) for servo in servos}
+    for servo in servos:
+        servo.write(r.GOAL_POSITION.address, goals[servo.id])
+    return p2.sync_write(r.GOAL_POSITION.address, r.GOAL_POSITION.size, goals)
 
 
 @functools.cache

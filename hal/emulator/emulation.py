@@ -77,10 +77,11 @@ class Emulation:
                 self.robot.release_gantry()
             case "gantry":
                 return {"attached": self.robot.gantry_attached}
+            case "lean":
+                self.robot.lean(float(content.get("forwards_rad", 0.0)), float(content.get("left_rad", 0.0)))
             case "reset":
-                self.robot.reset(
-                    start_noise_rad=float(content.get("start_noise_rad", 0.0)), seed=int(content.get("seed", 0))
-                )
+                numbers = {name: float(content.get(name, 0.0)) for name in ("start_noise_rad", "lift_m")}
+                self.robot.reset(seed=int(content.get("seed", 0)), **numbers)
                 self.device.reset()
             case "fault":
                 name, key = str(content.pop("kind", "")), str(content.pop("key", EVERYTHING))

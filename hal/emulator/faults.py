@@ -39,6 +39,7 @@ COMMON_KINDS: Mapping[str, FaultKind] = {
     "reconnect": FaultKind("the adapter goes away, and comes back with the fault's end"),
     "power_cycled_zero": FaultKind("positions are off; value: by how much, rad at the joint", 2.0 * math.pi),
 }
+SECOND_CONTROLLER = FaultKind("somebody else commands as well")
 # Kinds under which nothing that a device sends arrives, and nothing that it is sent.
 SENDS_NOTHING = ("silence", "brown_out", "reconnect")
 HEARS_NOTHING = ("deaf", "brown_out", "reconnect")

@@ -116,6 +116,9 @@ class ImuDevice(DeviceSide):
         """See DeviceSide."""
         self._line.stop()
 
+    def reset(self) -> None:
+        """See DeviceSide. An IMU forgets nothing."""
+
     def status(self) -> dict[str, Any]:
         """See DeviceSide."""
         return {"imu frames sent": self._line.sent}

@@ -12,6 +12,7 @@ import numpy as np
 from hal.emulator.checks import CommandChecks
 from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
+from hal.emulator.lean import Lean
 from robot.robot import Robot
 from world.actuation import JointCommand
 from world.gantry import NEVER, Gantry, hang_up
@@ -101,17 +102,18 @@ class EmulatedRobot:
             self._thread.join()
             self._thread = None
 
-    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0) -> None:
-        """Hang it up anew, slack and at rest; violations and lateness are forgotten."""
+    def reset(self, *, start_noise_rad: float = 0.0, seed: int = 0, lift_m: float = 0.0) -> None:
+        """Hang it up anew, slack and at rest; violations and lateness are forgotten. lift_m: above the ground."""
         robot, joints = self.robot, self.robot.num_joints
         noise = np.random.default_rng(seed).normal(0.0, start_noise_rad, joints)
         with self.lock:
-            hang_up(self._plant, self._gantry, robot.default_pos_rad + noise)
+            hang_up(self._plant, self._gantry, robot.default_pos_rad + noise, lift_m=lift_m)
             self._start_s, self._step = self._now(), 0
             self._orders: deque[_Order] = deque()
             self._table = np.zeros((6, joints))
             self._table[5] = robot.torque_limit_nm
             self._plant.cap(robot.torque_limit_nm)
+            self._lean = Lean()
             self._told_s = np.full(joints, -np.inf)
             self._modes = np.zeros(joints, dtype=int)  # index into SLACK, DAMPED, DRIVEN
             self._since_s = np.full(joints, self._start_s)
@@ -152,7 +154,7 @@ class EmulatedRobot:
         with self.lock:
             self._advance(self._now())
             if self._seen is None or self._seen[0] != self._step:
-                self._seen = (self._step, self._plant.measure(self._time_s(self._step)))
+                self._seen = (self._step, self._lean.seen(self._plant.measure(self._time_s(self._step))))
             return self._seen[1]
 
     def joints(self) -> Joints:
@@ -183,6 +185,11 @@ class EmulatedRobot:
         with self.lock:
             self._advance(self._now())
             return self._gantry.attached
+
+    def lean(self, forwards_rad: float, left_rad: float, takes_s: float = 1.0) -> None:
+        """Lean the base, gantry and all, and hold it there; 0, 0 sets it upright."""
+        with self.lock:
+            self._lean.to(forwards_rad, left_rad, self._now(), takes_s)
 
     def release_gantry(self) -> None:
         """Let go gently."""

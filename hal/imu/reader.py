@@ -14,6 +14,8 @@ from hal.wire.driver import Cycle
 
 FIRST_SAMPLES = 5
 LOOK_S = 0.002
+RATE_WINDOW_S, RATE_PATIENCE_S = 0.1, 1.0
+LEAST_RATE = 0.8
 REOPEN_S = 0.5
 LINK_FAULT = "imu: port gone"
 
@@ -80,18 +82,39 @@ class ImuReader:
         return ImuReading(*self._mounting.to_base(samples[-1]), before_s - self.options.wire_time_s)
 
     def identify(self, patience_s: float = 1.0) -> str:
-        """Wait for the first samples. What was found, in words. Raises DeviceError saying what came instead."""
+        """Wait for the first samples and count the next. What was found, in words. Raises DeviceError saying what came
+        instead: nothing that can be read, or fewer samples than 80 % of those that the file promises."""
         if self._port is None:
             self.open()
-        start_s = time.monotonic()
+        end_s = time.monotonic() + patience_s
         first = self.samples
         while self.samples < first + FIRST_SAMPLES:
-            if (now_s := time.monotonic()) - start_s > patience_s:
+            if time.monotonic() > end_s:
                 raise DeviceError(f"imu: {self._complaint()}")
-            self.poll(now_s)
-            time.sleep(LOOK_S)
+            self._look()
         options = self.options
-        return f"{options.protocol} on {options.port} at {options.baud} baud, {options.rate_hz:g} Hz expected"
+        rate_hz = self._count()
+        if rate_hz < LEAST_RATE * options.rate_hz:
+            raise DeviceError(
+                f"imu: {options.port} sends {rate_hz:.0f} Hz, {options.rate_hz:g} Hz expected: set the device's rate,"
+                " or rate_hz in the robot file"
+            )
+        return f"{options.protocol} on {options.port} at {options.baud} baud, {rate_hz:.0f} of {options.rate_hz:g} Hz"
+
+    def _count(self) -> float:
+        """The samples' rate (Hz): the best of some windows, as a busy computer may look late."""
+        best_hz, end_s = 0.0, time.monotonic() + RATE_PATIENCE_S
+        while True:
+            begun_s, before = time.monotonic(), self.samples
+            while (spent_s := time.monotonic() - begun_s) < RATE_WINDOW_S:
+                self._look()
+            best_hz = max(best_hz, (self.samples - before) / spent_s)
+            if best_hz >= LEAST_RATE * self.options.rate_hz or time.monotonic() > end_s:
+                return best_hz
+
+    def _look(self) -> None:
+        self.poll(time.monotonic())
+        time.sleep(LOOK_S)
 
     def cycle(self, state: StateBoard) -> Cycle:
         """The reader's work in the wire process: put every newest sample on the board."""

@@ -35,6 +35,8 @@ UNFIT = [
     (with_joint("temperature_c", 71.0), "temperatures: hottest left_knee_joint at 71 C"),
     (state(faults=("motor 3",)), "device faults: motor 3"),
     (state(imu_quat_wxyz=tilted(0.09)), "gravity and quaternion: 5.2 degrees"),
+    (state(imu_quat_wxyz=tilted(0.36)), "upright: leans by 0.36 rad, limit 0.35"),
+    (state(imu_quat_wxyz=tilted(np.pi)), "upright: leans by 3.14 rad"),
     (state(imu_acc_b=np.array([0.0, 0.0, 8.7])), "acceleration at rest: 8.70"),
     (with_joint("joint_age_s", 0.05), "state age: at most 50.0 ms"),
     (with_joint("joint_pos_rad", np.nan), "numbers: not finite"),

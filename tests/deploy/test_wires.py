@@ -12,8 +12,9 @@ from core.errors import InputError
 from deploy.cli import main
 from deploy.dry_run import DryRunRecord, require_records
 from deploy.options import RunOptions
+from hal.verification.record import VerifiedRecord
 from tests.deploy.toys import write_standing_actor
-from tests.hal.wire.fake import read_journal
+from tests.hal.wire.fake import KNEE_SERIAL, read_journal
 
 
 def patient_settings():
@@ -34,6 +35,7 @@ def rig(tmp_path, monkeypatch):
     (tmp_path / "patient.yaml").write_text(patient_settings())
     monkeypatch.setitem(hal.open.WIRES, "can", ("tests.hal.wire.fake", str(tmp_path / "wire.yaml")))
     monkeypatch.setattr(deploy.session, "RECORDS", tmp_path / "records")
+    monkeypatch.setattr(deploy.session, "VERIFIED", tmp_path / "verified")
     monkeypatch.setenv("FAKE_WIRE_JOURNAL", str(tmp_path / "journal"))
 
     def run(*options):
@@ -41,7 +43,13 @@ def rig(tmp_path, monkeypatch):
         common += ["--config", str(tmp_path / "patient.yaml")]
         return main(["--backend", "can", *common, *map(str, options)])
 
-    run.folder = tmp_path
+    def verify(serial):
+        """What hal/verify leaves, for the robot whose knee has this number."""
+        sha256 = hal.open.wire_config_sha256("can", None, {})
+        VerifiedRecord(sha256, "g1_23dof", {"left_knee_joint": serial}).save(tmp_path / "verified", {})
+
+    run.folder, run.verify = tmp_path, verify
+    verify(KNEE_SERIAL)
     return run
 
 
@@ -70,6 +78,25 @@ def test_the_first_run_needs_a_passed_dry_run(rig, capsys):
     assert rig("--duration", 0.2) == 0
     (rig.folder / "wire.yaml").write_text("a: 2\n")
     assert rig("--duration", 0.2) == 2
+
+
+def test_a_robot_that_nobody_has_verified_is_refused(rig, capsys):
+    """By which motor it is another; --first-run-ok and a dry run, which moves nothing, go on all the same."""
+    assert rig("--dry-run") == 0
+    assert rig("--duration", 0.2) == 0
+    rig.verify("another number")
+    assert rig("--duration", 0.2) == 4
+    error = capsys.readouterr().err
+    assert f"left_knee_joint is {KNEE_SERIAL}, verified was another number: run hal/verify" in error
+    (rig.folder / "verified").rename(rig.folder / "forgotten")
+    assert rig("--duration", 0.2) == 4
+    assert (
+        "verified: not verified with this configuration: hang the robot up and run hal/verify"
+        in capsys.readouterr().err
+    )
+    assert "TRACK" not in events(rig)
+    assert rig("--dry-run") == 0
+    assert rig("--duration", 0.2, "--first-run-ok") == 0
 
 
 def test_a_real_wire_waits_for_its_operator(rig, capsys):

@@ -96,8 +96,8 @@ def test_unknown_names_list_what_there_is(tmp_path: Path) -> None:
 
 
 def test_backends_by_name() -> None:
-    network = {"dds": {"interface": "lo", "domain": "1"}}
-    made = {name: open_backend(name, G1, SimulatedClock(), endpoints=network.get(name)) for name in BACKENDS}
+    elsewhere = {"dds": {"interface": "lo", "domain": "1"}, "dynamixel": {"left_leg": "elsewhere"}}
+    made = {name: open_backend(name, G1, SimulatedClock(), endpoints=elsewhere.get(name)) for name in BACKENDS}
     assert isinstance(made["mock"], MockBackend)
     assert isinstance(made["mujoco"], MujocoBackend)
     assert made["mujoco"].options == load_sim_options()

@@ -8,7 +8,9 @@ Watchdog: the drive has a "CAN timeout" (torque goes to zero), but it can be nei
 the vendor's tool. As far as the host can know, there is none.
 
 The motor answers each command on its own identifier, the same as the command's (or on its "CAN master" id: host_id). A
-transport that loops frames back must leave out one's own. Older firmware answers with 6 bytes, without temperature and
+transport that loops frames back must leave out one's own. No serial number can be asked for, and most models have their
+encoder on the motor's side, so that their zero is lost without power: option `keeps_zero: true` for those with a second
+one. Older firmware answers with 6 bytes, without temperature and
 fault. No question exists but leaving the motor mode. The state does not say whether the motor is switched on. V3
 drivers speak another protocol.
 """
@@ -16,34 +18,26 @@ drivers speak another protocol.
 from dataclasses import dataclass
 from typing import Any, Self
 
-from hal.can import codec
-from hal.can.codec import (
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-)
+from core.errors import InputError
+from hal.can import fault_names
+from hal.can.codec import Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Feedback, Message
 
 TEMPERATURE_OFFSET_C = 40
 SHORT_STATE, STATE = 6, 8
 SPECIAL = bytes([0xFF] * 7)
 SPECIAL_KINDS = {0xFC: CommandKind.ENABLE, 0xFD: CommandKind.DISABLE, 0xFE: CommandKind.SET_ZERO}
 FAULTS = {
-    1: codec.MOTOR_OVER_TEMPERATURE,
-    2: codec.OVER_CURRENT,
-    3: codec.OVER_VOLTAGE,
-    4: codec.UNDER_VOLTAGE,
-    5: codec.ENCODER,
-    6: codec.DRIVER_OVER_TEMPERATURE,
-    7: codec.OVERLOAD,
+    1: fault_names.MOTOR_OVER_TEMPERATURE,
+    2: fault_names.OVER_CURRENT,
+    3: fault_names.OVER_VOLTAGE,
+    4: fault_names.UNDER_VOLTAGE,
+    5: fault_names.ENCODER,
+    6: fault_names.DRIVER_OVER_TEMPERATURE,
+    7: fault_names.OVERLOAD,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 
@@ -66,17 +60,27 @@ MODELS = {
 
 @dataclass(frozen=True)
 class CubemarsCodec(Codec):
-    """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. No options."""
+    """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. Option keeps_zero."""
+
+    has_output_encoder: bool = False
 
     name = "cubemars"
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
         """See Codec."""
-        no_more(cls.name, options)
+        no_more(cls.name, options, ("keeps_zero",))
+        keeps = options.get("keeps_zero", False)
+        if not isinstance(keeps, bool):
+            raise InputError("cubemars keeps_zero", got=repr(keeps), expected="true or false")
         motor = checked_id("cubemars motor id", motor_id, 1, 0xFF)
         answers = checked_id("cubemars host id", motor if host_id is None else host_id, 0, STANDARD_ID_MAX)
-        return cls(motor, answers, checked_model(cls.name, MODELS, model))
+        return cls(motor, answers, checked_model(cls.name, MODELS, model), keeps)
+
+    @property
+    def keeps_zero(self) -> bool:
+        """See Codec."""
+        return self.has_output_encoder
 
     @property
     def reply_filter(self) -> IdFilter:

@@ -8,10 +8,11 @@ Watchdog: register 9, in steps of 50 us, 0 switches it off; the factory value is
 that long the motor leaves the enabled mode, which lets the joint go, and answers with status D ("communication_lost").
 Written to memory at each start and read back; it is not saved.
 
-The ranges are registers of the motor (21, 22, 23) and published tables disagree: the table here serves until they are
-read. Every answer comes on the motor's own MST_ID (register 7, factory 0, which all motors would share): give each
-motor its id + 0x10. Register answers and other programs' requests look like states near the lower end of the range;
-they are told apart by their second to fourth byte, at the price of dropping a rare true state there.
+The serial number is register 15. The ranges are registers of the motor (21, 22, 23) and published tables disagree: the
+table here serves until they are read. Every answer comes on the motor's own MST_ID (register 7, factory 0, which all
+motors would share): give each motor its id + 0x10. Register answers and other programs' requests look like states near
+the lower end of the range; they are told apart by their second to fourth byte, at the price of dropping a rare true
+state there.
 """
 
 import math
@@ -20,25 +21,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from hal.can import codec
+from hal.can import fault_names
 from hal.can.codec import (
     CONTROL_MODE,
     WATCHDOG_S,
-    Ack,
     Codec,
     CommandKind,
     DeviceCommand,
-    Feedback,
     Found,
-    Message,
     MotorCommand,
     MotorModel,
     MotorState,
-    Parameter,
 )
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Ack, Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 POS_RANGE_RAD = "pos_range_rad"
@@ -52,6 +50,7 @@ STEPS_PER_S = 20_000
 READ, WRITE, STORE, STATE = 0x33, 0x55, 0xAA, 0xCC
 LAST_REGISTER = 81
 MST_ID_REGISTER = 7
+SERIAL_REGISTER = 15
 
 REGISTERS = {9: WATCHDOG_S, 10: CONTROL_MODE, 21: POS_RANGE_RAD, 22: VEL_RANGE_RAD_S, 23: TORQUE_RANGE_NM}
 NUMBERS = {name: number for number, name in REGISTERS.items()}
@@ -67,13 +66,13 @@ SPECIAL_KINDS = {
 
 DISABLED, ENABLED = 0, 1
 FAULTS = {
-    0x8: codec.OVER_VOLTAGE,
-    0x9: codec.UNDER_VOLTAGE,
-    0xA: codec.OVER_CURRENT,
-    0xB: codec.DRIVER_OVER_TEMPERATURE,
-    0xC: codec.MOTOR_OVER_TEMPERATURE,
-    0xD: codec.COMMUNICATION_LOST,
-    0xE: codec.OVERLOAD,
+    0x8: fault_names.OVER_VOLTAGE,
+    0x9: fault_names.UNDER_VOLTAGE,
+    0xA: fault_names.OVER_CURRENT,
+    0xB: fault_names.DRIVER_OVER_TEMPERATURE,
+    0xC: fault_names.MOTOR_OVER_TEMPERATURE,
+    0xD: fault_names.COMMUNICATION_LOST,
+    0xE: fault_names.OVERLOAD,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 
@@ -102,7 +101,7 @@ class DamiaoCodec(Codec):
     """motor_id: ESC_ID (register 8). host_id: MST_ID (register 7), on which the motor answers. No options."""
 
     name = "damiao"
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
@@ -167,6 +166,10 @@ class DamiaoCodec(Codec):
         """See Codec."""
         return (_register_frame(self.motor_id, READ, 9),)
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec."""
+        return (_register_frame(self.motor_id, READ, SERIAL_REGISTER),)
+
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
         return tuple(_register_frame(self.motor_id, READ, NUMBERS[name]) for name in self.setup_names)
@@ -207,6 +210,8 @@ class DamiaoCodec(Codec):
             return Ack(self.motor_id, f"write register {data[3]}")
         if data[2] == STORE:
             return Ack(self.motor_id, "store")
+        if data[2] == READ and data[3] == SERIAL_REGISTER:
+            return Identity(self.motor_id, data[7:3:-1].hex())
         if data[2] == READ and data[3] in REGISTERS:
             return Parameter(self.motor_id, REGISTERS[data[3]], _unpacked(data[3], data[4:]))
         return None
@@ -247,6 +252,8 @@ class DamiaoCodec(Codec):
             return DeviceCommand(CommandKind.REQUEST_STATE)
         if data[2] == READ and data[3] == MST_ID_REGISTER:
             return DeviceCommand(CommandKind.PROBE)
+        if data[2] == READ and data[3] == SERIAL_REGISTER:
+            return DeviceCommand(CommandKind.IDENTIFY)
         if data[2] == READ and data[3] in REGISTERS:
             return DeviceCommand(CommandKind.READ, name=REGISTERS[data[3]])
         if data[2] == WRITE and data[3] in REGISTERS:
@@ -266,6 +273,8 @@ class DamiaoCodec(Codec):
         """See Codec. WRITE is echoed."""
         if asked.kind is CommandKind.PROBE:
             answer = _register_frame(self.motor_id, READ, MST_ID_REGISTER, self.host_id.to_bytes(4, "little"))
+        elif asked.kind is CommandKind.IDENTIFY:
+            answer = _register_frame(self.motor_id, READ, SERIAL_REGISTER, int(value).to_bytes(4, "little"))
         elif asked.kind is CommandKind.READ:
             answer = _register_frame(self.motor_id, READ, NUMBERS[asked.name], _packed(NUMBERS[asked.name], value))
         elif asked.kind is CommandKind.WRITE:

@@ -10,8 +10,10 @@ so it is on even where nobody sets it). Its expiry latches mode 11, which damps 
 Gains are scales of configured gains: the robot file states `kp_nm_per_turn` and `kd_nm_s_per_turn`
 (`servo.pid_position.kp`, `.kd`) and `torque_nm` (the limit sent with each command), read from the controller with the
 vendor's tool, as the registers do not show them. `servo.default_velocity_limit` and `default_accel_limit` must be nan,
-or the controller reshapes each target. A command that moves or pushes with kp below kd, both as scales, gets less
-damping than asked: here as in the controller. Positions are turns of the output, here radians.
+or the controller reshapes each target. While kp is below kd, both as scales, the damping frame is sent instead of a
+target at rest: a ramp of gains then begins with all of its damping. A command that moves or pushes with such gains gets
+less damping than asked, here as in the controller. Positions are turns of the output, here radians. The controller's
+identity is its UUID (registers 0x150 to 0x153).
 """
 
 import math
@@ -20,25 +22,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from core.errors import InputError
-from hal.can import codec
-from hal.can.codec import (
-    WATCHDOG_S,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-    Parameter,
-)
+from hal.can import fault_names
+from hal.can.codec import WATCHDOG_S, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.moteus_registers import (
     ANSWER,
     FAULT,
     FLOAT,
     INT8,
+    INT32,
     KD_SCALE,
     KP_SCALE,
     MAX_TORQUE,
@@ -52,6 +43,7 @@ from hal.can.codecs.moteus_registers import (
     TO_TORQUE,
     TO_VELOCITY,
     TORQUE,
+    UUID,
     VELOCITY,
     WRITE,
     library,
@@ -63,6 +55,7 @@ from hal.can.codecs.moteus_registers import (
 )
 from hal.can.codecs.options import checked_id, checked_number, no_more
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
+from hal.can.messages import Feedback, Identity, Message, Parameter
 
 STOPPED, FAULTED, POSITION_MODE, TIMED_OUT, ZERO_VELOCITY = 0, 1, 10, 11, 12
 DRIVING = frozenset((5, 6, 7, 8, 9, POSITION_MODE, ZERO_VELOCITY, 13, 15))
@@ -74,13 +67,13 @@ TURNS_MAX = 1000.0
 DEFAULT_WATCHDOG_S = 0.1
 
 FAULTS = {
-    33: codec.DRIVER,
-    34: codec.OVER_VOLTAGE,
-    35: codec.ENCODER,
-    36: codec.UNCALIBRATED,
-    38: codec.DRIVER_OVER_TEMPERATURE,
+    33: fault_names.DRIVER,
+    34: fault_names.OVER_VOLTAGE,
+    35: fault_names.ENCODER,
+    36: fault_names.UNCALIBRATED,
+    38: fault_names.DRIVER_OVER_TEMPERATURE,
     39: "outside_limit",
-    40: codec.UNDER_VOLTAGE,
+    40: fault_names.UNDER_VOLTAGE,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
 
@@ -96,7 +89,7 @@ class MoteusCodec(Codec):
 
     name = "moteus"
     fd = True
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
     watchdog_damps = True
 
     @classmethod
@@ -153,10 +146,10 @@ class MoteusCodec(Codec):
         return (self._frame(state_query()),)
 
     def command(self, target: MotorCommand, last: MotorCommand | None = None) -> tuple[Frame, ...]:
-        """See Codec. Without stiffness, motion or torque asked for: the damping frame."""
+        """See Codec. The damping frame where no motion or torque is asked for with less stiffness than damping."""
         kp = min(target.kp / self.model.kp, 1.0)
         kd = min(target.kd / self.model.kd, 1.0)
-        if target.kp == 0 and target.dq_rad_s == 0 and target.tau_nm == 0:
+        if (target.kp == 0 or kp < kd) and target.dq_rad_s == 0 and target.tau_nm == 0:
             return (self._drive(ZERO_VELOCITY, {KD_SCALE: kd, TIMEOUT: self.watchdog_s}),)
         values = {
             TO_POSITION: _limited(target.q_rad / TURN_RAD, TURNS_MAX),
@@ -177,6 +170,10 @@ class MoteusCodec(Codec):
         """See Codec."""
         return (self._frame(question((TIMEOUT,), FLOAT)),)
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec."""
+        return (self._frame(question(UUID, INT32)),)
+
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
         return self.read_watchdog()
@@ -196,6 +193,8 @@ class MoteusCodec(Codec):
         answered = registers.answered
         if TIMEOUT in answered:
             return Parameter(self.motor_id, WATCHDOG_S, answered[TIMEOUT])
+        if all(register in answered for register in UUID):
+            return Identity(self.motor_id, "".join(f"{int(answered[register]) & 0xFFFF_FFFF:08x}" for register in UUID))
         return self._state(answered)
 
     def _state(self, answered: Mapping[int, float]) -> Feedback | None:
@@ -213,6 +212,11 @@ class MoteusCodec(Codec):
             None if mode is None else _faults(int(mode), int(answered.get(FAULT, 0))),
             None if mode is None else int(mode) in DRIVING,
         )
+
+    def is_commanded_by(self, frame: Frame) -> bool:
+        """See Codec. Whatever address the sender gives as its own."""
+        registers = read_registers(frame.data) if frame.fd and frame.arbitration_id & 0x7F == self.motor_id else None
+        return registers is not None and bool(registers.written)
 
     @classmethod
     def probe(cls, motor_id: int, host_id: int) -> tuple[Frame, ...]:
@@ -246,6 +250,8 @@ class MoteusCodec(Codec):
             return None
         if registers.asked == (TIMEOUT,):
             return DeviceCommand(CommandKind.READ, name=WATCHDOG_S)
+        if registers.asked == UUID:
+            return DeviceCommand(CommandKind.IDENTIFY)
         return DeviceCommand(CommandKind.REQUEST_STATE)
 
     def _asked(self, mode: int, written: Mapping[int, float]) -> DeviceCommand | None:
@@ -268,10 +274,10 @@ class MoteusCodec(Codec):
     def feedback_frames(self, state: MotorState) -> tuple[Frame, ...]:
         """See Codec. Faults without a code of their own show as a fault of the driver."""
         mode, fault = STOPPED, 0
-        if codec.COMMUNICATION_LOST in state.faults:
+        if fault_names.COMMUNICATION_LOST in state.faults:
             mode = TIMED_OUT
         elif state.faults:
-            mode, fault = FAULTED, FAULT_CODES.get(state.faults[0], FAULT_CODES[codec.DRIVER])
+            mode, fault = FAULTED, FAULT_CODES.get(state.faults[0], FAULT_CODES[fault_names.DRIVER])
         elif state.enabled:
             mode = POSITION_MODE
         temperature = min(max(round(state.temperature_c), -127), 127)
@@ -292,6 +298,9 @@ class MoteusCodec(Codec):
         """See Codec."""
         if asked.kind is CommandKind.READ and asked.name == WATCHDOG_S:
             return (self._answer(subframes(ANSWER, {TIMEOUT: value})),)
+        if asked.kind is CommandKind.IDENTIFY:
+            words = [int(value) >> shift & 0x7FFF_FFFF for shift in (96, 64, 32, 0)]
+            return (self._answer(subframes(ANSWER, dict(zip(UUID, words)), INT32)),)
         return ()
 
     @property
@@ -317,7 +326,7 @@ class MoteusCodec(Codec):
 
 def _faults(mode: int, code: int) -> tuple[str, ...]:
     if mode == TIMED_OUT:
-        return (codec.COMMUNICATION_LOST,)
+        return (fault_names.COMMUNICATION_LOST,)
     return (FAULTS.get(code, f"error_{code}"),) if mode == FAULTED else ()
 
 

@@ -7,6 +7,8 @@ Watchdog: `config.enable_watchdog` and `config.watchdog_timeout`, factory off; s
 expiry disarms the axis, which lets the joint go, with the error "communication_lost". Both are set and read back
 through their endpoints, whose numbers differ between firmware versions: options `enable_watchdog_endpoint` and
 `watchdog_timeout_endpoint`, from the firmware's `flat_endpoints.json`. Without them the host can know of no watchdog.
+Likewise the drive's own limits: options `vel_limit_endpoint`, `current_limit_endpoint` (soft) and
+`torque_constant_endpoint`. With them the motor's torque is what the drive allows, and must reach the joint's.
 
 Stiffness is not part of a command: the drive's cascade kp = pos_gain vel_gain / 2 pi, kd = vel_gain / 2 pi is solved
 for its gains, so kp needs a kd. Gains are sent when they change. Positions are revolutions of the encoder's shaft, here
@@ -17,30 +19,22 @@ answers a remote request where the adapter can send one.
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from hal.can import codec
-from hal.can.codec import (
-    WATCHDOG_S,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Message,
-    MotorCommand,
-    MotorModel,
-    MotorState,
-    Parameter,
-)
+from hal.can import fault_names
+from hal.can.codec import WATCHDOG_S, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
 from hal.can.codecs.odrive_tables import ERROR_BITS, ERRORS
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.frame import Frame, IdFilter
+from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 WATCHDOG_ENABLED = "watchdog_enabled"
 ENDPOINT_OPTIONS = ("enable_watchdog_endpoint", "watchdog_timeout_endpoint")
+VEL_LIMIT, CURRENT_LIMIT_A, TORQUE_CONSTANT = "vel_limit_turns_s", "current_limit_a", "torque_constant_nm_a"
+LIMITS = (VEL_LIMIT, CURRENT_LIMIT_A, TORQUE_CONSTANT)
+LIMIT_OPTIONS = ("vel_limit_endpoint", "current_limit_endpoint", "torque_constant_endpoint")
 
 VERSION, HEARTBEAT, GET_ERROR, SDO_REQUEST, SDO_ANSWER, ADDRESS, AXIS_STATE = 0x00, 0x01, 0x03, 0x04, 0x05, 0x06, 0x07
 ESTIMATES, CONTROLLER_MODE, INPUT_POS = 0x09, 0x0B, 0x0C
@@ -67,25 +61,28 @@ class OdriveCodec(Codec):
 
     enable_watchdog_endpoint: int | None = None
     watchdog_timeout_endpoint: int | None = None
+    limit_endpoints: tuple[int, ...] = ()
 
     name = "odrive"
     cyclic_period_s = 0.010
-    watchdog_fault = codec.COMMUNICATION_LOST
+    watchdog_fault = fault_names.COMMUNICATION_LOST
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
-        """See Codec. The endpoints come together or not at all."""
-        no_more(cls.name, options, ENDPOINT_OPTIONS)
+        """See Codec. The endpoints of the watchdog, and those of the limits, come together or not at all."""
+        no_more(cls.name, options, ENDPOINT_OPTIONS + LIMIT_OPTIONS)
         node = checked_id("odrive motor id (node)", motor_id, 1, NODE_MAX)
         host = checked_id("odrive host id", 0 if host_id is None else host_id, 0, 0)
-        given = ENDPOINT_OPTIONS if options else ()
-        endpoints = {what: checked_id(f"odrive {what}", options.get(what), 1, 0xFFFF) for what in given}
-        return cls(node, host, checked_model(cls.name, MODELS, model), **endpoints)
+        given = [what for group in (ENDPOINT_OPTIONS, LIMIT_OPTIONS) if set(group) & set(options) for what in group]
+        found = {what: checked_id(f"odrive {what}", options.get(what), 1, 0xFFFF) for what in given}
+        enable, timeout = (found.get(what) for what in ENDPOINT_OPTIONS)
+        limits = tuple(found[what] for what in LIMIT_OPTIONS if what in found)
+        return cls(node, host, checked_model(cls.name, MODELS, model), enable, timeout, limits)
 
     @property
     def setup_names(self) -> tuple[str, ...]:
         """See Codec."""
-        return (WATCHDOG_ENABLED,) if self.has_watchdog else ()
+        return ((WATCHDOG_ENABLED,) if self.has_watchdog else ()) + (LIMITS if self.limit_endpoints else ())
 
     @property
     def has_watchdog(self) -> bool:
@@ -166,18 +163,29 @@ class OdriveCodec(Codec):
         """See Codec."""
         return () if self.watchdog_timeout_endpoint is None else (self._sdo(SDO_READ, self.watchdog_timeout_endpoint),)
 
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec. A remote request, see `request_state`."""
+        return self.probe(self.motor_id, self.host_id)
+
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
-        return () if self.enable_watchdog_endpoint is None else (self._sdo(SDO_READ, self.enable_watchdog_endpoint),)
+        watchdog = () if self.enable_watchdog_endpoint is None else (self.enable_watchdog_endpoint,)
+        return tuple(self._sdo(SDO_READ, endpoint) for endpoint in (*watchdog, *self.limit_endpoints))
 
     def with_setup(self, parameters: Mapping[str, float]) -> Self:
-        """See Codec. A watchdog that was set must be switched on."""
+        """See Codec. A watchdog that was set must be switched on; limits are those of the drive."""
         if self.has_watchdog and parameters[WATCHDOG_ENABLED] != 1:
             raise DeviceFault(
                 f"odrive node {self.motor_id}: its watchdog is off after switching it on;"
                 " check the endpoint numbers against the firmware's flat_endpoints.json"
             )
-        return self
+        if not self.limit_endpoints:
+            return self
+        values = [parameters[name] for name in LIMITS]
+        if not all(0 < value < math.inf for value in values):
+            raise DeviceFault(f"odrive node {self.motor_id}: limits {dict(zip(LIMITS, values))}, expected above 0")
+        torque_nm = min(self.model.torque_nm, values[1] * values[2])
+        return replace(self, model=replace(self.model, vel_rad_s=values[0] * TURN_RAD, torque_nm=torque_nm))
 
     def parse(self, frame: Frame) -> Message | None:
         """See Codec. Each cyclic message carries a part of the state."""
@@ -200,6 +208,8 @@ class OdriveCodec(Codec):
             return Feedback(self.motor_id, faults=_named(active | disarm_reason))
         if what == SDO_ANSWER:
             return self._parse_sdo(frame.data)
+        if what == ADDRESS and frame.data[0] == self.motor_id:
+            return Identity(self.motor_id, frame.data[6:0:-1].hex())
         return None
 
     def _parse_sdo(self, data: bytes) -> Parameter | None:
@@ -208,6 +218,9 @@ class OdriveCodec(Codec):
             return Parameter(self.motor_id, WATCHDOG_S, struct.unpack("<f", data[4:])[0])
         if endpoint == self.enable_watchdog_endpoint:
             return Parameter(self.motor_id, WATCHDOG_ENABLED, float(data[4]))
+        if endpoint in self.limit_endpoints:
+            name = LIMITS[self.limit_endpoints.index(endpoint)]
+            return Parameter(self.motor_id, name, struct.unpack("<f", data[4:])[0])
         return None
 
     @classmethod
@@ -233,7 +246,7 @@ class OdriveCodec(Codec):
         if node != self.motor_id or frame.extended:
             return None
         if frame.remote:
-            asks = {ESTIMATES: CommandKind.REQUEST_STATE, ADDRESS: CommandKind.PROBE}
+            asks = {ESTIMATES: CommandKind.REQUEST_STATE, ADDRESS: CommandKind.IDENTIFY}
             return DeviceCommand(asks[what]) if what in asks else None
         if what == CLEAR_ERRORS:
             return DeviceCommand(CommandKind.CLEAR_FAULT)
@@ -265,15 +278,17 @@ class OdriveCodec(Codec):
         )
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
-        """See Codec. WRITE is not answered. The serial number of a simulated motor is made of its node."""
-        if asked.kind is CommandKind.PROBE:
-            return (self._frame(ADDRESS, bytes([self.motor_id]) + self.motor_id.to_bytes(6, "little") + b"\0"),)
+        """See Codec. WRITE is not answered."""
+        if asked.kind is CommandKind.IDENTIFY:
+            return (self._frame(ADDRESS, bytes([self.motor_id]) + int(value).to_bytes(6, "little") + b"\0"),)
         if asked.kind is not CommandKind.READ:
             return ()
         if asked.name == WATCHDOG_S and self.watchdog_timeout_endpoint is not None:
             endpoint, packed = self.watchdog_timeout_endpoint, struct.pack("<f", value)
         elif asked.name == WATCHDOG_ENABLED and self.enable_watchdog_endpoint is not None:
             endpoint, packed = self.enable_watchdog_endpoint, bytes([int(value), 0, 0, 0])
+        elif asked.name in LIMITS and self.limit_endpoints:
+            endpoint, packed = self.limit_endpoints[LIMITS.index(asked.name)], struct.pack("<f", value)
         else:
             return ()
         return (self._frame(SDO_ANSWER, struct.pack("<BHB", 0, endpoint, 0) + packed),)

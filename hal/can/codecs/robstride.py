@@ -11,9 +11,14 @@ goes to its reset mode, which lets the joint go; the state then says "not enable
 each start and read back.
 
 Angles wrap at the ends of the range, they do not clamp. Switching off is the only question that is answered with a
-state and nothing else. The scaling cannot be read: it is pinned by model, and the angle is compared with parameter
-0x7019, a float. RS01 before 0.1.3.4 and RS02 before 0.2.3.6 apply 1.4167 times the gains: refused where the robot file
-says so (option `firmware`).
+state and nothing else. The scaling cannot be read: it is pinned by model. The model is recognised by its torque limit
+(parameter 0x700B, from the factory its peak torque), as the ranges of gains and torques go with it; the angle is
+compared with parameter 0x7019, a float. RS01 before 0.1.3.4 and RS02 before 0.2.3.6 apply 1.4167 times the gains: these
+models are asked for their firmware (type 4 with 00 C4; the answer is a type 2 frame that begins with 00 C4 56), and
+refused where it is older.
+
+The processor's serial number answers type 0. A CyberGear forgets its zero without power. The speed reference (0x700A),
+which no mode in use obeys, is forgotten with it: there a zeroing leaves its mark.
 """
 
 import math
@@ -22,27 +27,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from core.errors import InputError
-from hal.can.codec import (
-    WATCHDOG_S,
-    Ack,
-    Codec,
-    CommandKind,
-    DeviceCommand,
-    Feedback,
-    Found,
-    Message,
-    MotorCommand,
-    MotorState,
-    Parameter,
-)
+from hal.can.codec import WATCHDOG_S, ZERO_MARK, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorState
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.robstride_tables import FIRST_TRUE_GAINS, MODELS, REPORTED_FAULTS, STATE_FAULTS
 from hal.can.codecs.scaling import from_code, to_code
 from hal.can.frame import EXTENDED_ID_MAX, Frame, IdFilter
+from hal.can.messages import Ack, Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
 
 MECHANICAL_POS_RAD = "mechanical_pos_rad"
+TORQUE_LIMIT_NM = "torque_limit_nm"
+FIRMWARE = "firmware"
 RUN_MODE = "run_mode"
 
 PROBE, CONTROL, STATE, ENABLE, STOP, ZERO, READ, WRITE, FAULT = 0, 1, 2, 3, 4, 6, 17, 18, 21
@@ -51,37 +46,50 @@ PROBE_ANSWER_ID = 0xFE
 RUNNING = 2
 STEPS_PER_S = 20_000
 SCALING_TOLERANCE_RAD = 0.05
+TORQUE_TOLERANCE = 0.01
+VERSION_QUESTION, VERSION_ANSWER = b"\x00\xc4", b"\x00\xc4\x56"
+FORGETFUL = "CyberGear"
 
-INDICES = {0x7005: RUN_MODE, 0x7019: MECHANICAL_POS_RAD, 0x7028: WATCHDOG_S}
+INDICES = {
+    0x7005: RUN_MODE,
+    0x700A: ZERO_MARK,
+    0x700B: TORQUE_LIMIT_NM,
+    0x7019: MECHANICAL_POS_RAD,
+    0x7028: WATCHDOG_S,
+}
 NUMBERS = {name: index for index, name in INDICES.items()}
 
 
 @dataclass(frozen=True)
 class RobstrideCodec(Codec):
-    """motor_id: 1..126 (127 is the factory's). host_id: 0xFD unless set. Option firmware: "0.2.3.6"."""
+    """motor_id: 1..126 (127 is the factory's). host_id: 0xFD unless set. No options."""
 
     name = "robstride"
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
         """See Codec."""
-        no_more(cls.name, options, ("firmware",))
+        no_more(cls.name, options)
         motor = checked_id("robstride motor id", motor_id, 1, 0x7F)
         host = checked_id("robstride host id", HOST_ID if host_id is None else host_id, 0x80, 0xFD)
-        row = checked_model(cls.name, MODELS, model)
-        if "firmware" in options:
-            _check_firmware(model, str(options["firmware"]))
-        return cls(motor, host, row)
+        return cls(motor, host, checked_model(cls.name, MODELS, model))
 
     @property
     def setup_names(self) -> tuple[str, ...]:
         """See Codec."""
-        return (MECHANICAL_POS_RAD,)
+        version = (FIRMWARE,) if self.model.name in FIRST_TRUE_GAINS else ()
+        mark = () if self.keeps_zero else (ZERO_MARK,)
+        return (MECHANICAL_POS_RAD, TORQUE_LIMIT_NM, *version, *mark)
 
     @property
     def has_watchdog(self) -> bool:
         """See Codec."""
         return True
+
+    @property
+    def keeps_zero(self) -> bool:
+        """See Codec."""
+        return self.model.name != FORGETFUL
 
     @property
     def reply_filter(self) -> IdFilter:
@@ -137,7 +145,38 @@ class RobstrideCodec(Codec):
 
     def read_setup(self) -> tuple[Frame, ...]:
         """See Codec."""
-        return (self._read(MECHANICAL_POS_RAD),)
+        version = self._frame(STOP, VERSION_QUESTION)
+        return tuple(version if name == FIRMWARE else self._read(name) for name in self.setup_names)
+
+    def ask_identity(self) -> tuple[Frame, ...]:
+        """See Codec."""
+        return self.probe(self.motor_id, self.host_id)
+
+    def mark_zeroed(self, mark: float) -> tuple[Frame, ...]:
+        """See Codec."""
+        return () if self.keeps_zero else (self._write(ZERO_MARK, mark),)
+
+    def with_setup(self, parameters: Mapping[str, float]) -> Self:
+        """See Codec. Refuses another model than the file's, and firmware with false gains."""
+        limit_nm, peak_nm = parameters[TORQUE_LIMIT_NM], self.model.torque_nm
+        if not abs(limit_nm - peak_nm) <= TORQUE_TOLERANCE * peak_nm:
+            raise DeviceFault(
+                f"robstride motor {self.motor_id}: its torque limit (0x700B) is {limit_nm:g} Nm, that of"
+                f" {self.model.name} is {peak_nm:g} Nm: another model, which would multiply every gain and torque"
+                " by another range; correct the model in the robot file, or set 0x700B back to the factory's"
+            )
+        if FIRMWARE in parameters:
+            self._check_firmware(int(parameters[FIRMWARE]))
+        return self
+
+    def _check_firmware(self, code: int) -> None:
+        first = FIRST_TRUE_GAINS[self.model.name]
+        found = tuple(code.to_bytes(4, "big"))
+        if found < first:
+            raise DeviceFault(
+                f"robstride motor {self.motor_id}: firmware {'.'.join(map(str, found))} of {self.model.name}"
+                f" applies 1.4167 times the gains asked for, expected at least {'.'.join(map(str, first))}: update it"
+            )
 
     def check_feedback(self, parameters: Mapping[str, float], feedback: Feedback) -> None:
         """See Codec. The scaled angle must agree with the float, up to whole turns, within 0.05 rad."""
@@ -160,7 +199,7 @@ class RobstrideCodec(Codec):
         kind = frame.arbitration_id >> 24
         destination = frame.arbitration_id & 0xFF
         if kind == PROBE and destination == PROBE_ANSWER_ID:
-            return Ack(self.motor_id, "probe")
+            return Identity(self.motor_id, frame.data.hex())
         if destination != self.host_id:
             return None
         if kind == STATE:
@@ -171,7 +210,9 @@ class RobstrideCodec(Codec):
             return Feedback(self.motor_id, faults=_named(int.from_bytes(frame.data[:4], "little"), REPORTED_FAULTS))
         return None
 
-    def _parse_state(self, frame: Frame) -> Feedback | None:
+    def _parse_state(self, frame: Frame) -> Message | None:
+        if frame.data.startswith(VERSION_ANSWER):
+            return Parameter(self.motor_id, FIRMWARE, float(int.from_bytes(frame.data[3:7], "big")))
         pos, vel, torque, temperature = struct.unpack(">HHHh", frame.data)
         model = self.model
         mode = frame.arbitration_id >> 22 & 0x3
@@ -216,12 +257,14 @@ class RobstrideCodec(Codec):
         kind = frame.arbitration_id >> 24
         if kind == CONTROL:
             return self._parse_control(frame)
+        if kind == STOP and frame.data.startswith(VERSION_QUESTION):
+            return DeviceCommand(CommandKind.READ, name=FIRMWARE)
         if kind == STOP:
             return DeviceCommand(CommandKind.CLEAR_FAULT if frame.data[0] == 1 else CommandKind.DISABLE)
         if kind == ENABLE:
             return DeviceCommand(CommandKind.ENABLE)
         if kind == PROBE:
-            return DeviceCommand(CommandKind.PROBE)
+            return DeviceCommand(CommandKind.IDENTIFY)
         if kind == ZERO and frame.data[0] == 1:
             return DeviceCommand(CommandKind.SET_ZERO)
         index = int.from_bytes(frame.data[:2], "little")
@@ -259,11 +302,13 @@ class RobstrideCodec(Codec):
         return (Frame(STATE << 24 | status | self.motor_id << 8 | self.host_id, data, extended=True),)
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
-        """See Codec. WRITE is answered with a state. The serial number of a simulated motor is made of its id."""
+        """See Codec. WRITE is answered with a state."""
         sender = self.motor_id << 8
-        if asked.kind is CommandKind.PROBE:
-            serial = self.motor_id.to_bytes(8, "big")
-            return (Frame(PROBE << 24 | sender | PROBE_ANSWER_ID, serial, extended=True),)
+        if asked.kind is CommandKind.IDENTIFY:
+            return (Frame(PROBE << 24 | sender | PROBE_ANSWER_ID, int(value).to_bytes(8, "big"), extended=True),)
+        if asked.kind is CommandKind.READ and asked.name == FIRMWARE:
+            data = (VERSION_ANSWER + int(value).to_bytes(4, "big")).ljust(8, b"\0")
+            return (Frame(STATE << 24 | sender | self.host_id, data, extended=True),)
         if asked.kind is CommandKind.READ:
             data = struct.pack("<HH", NUMBERS[asked.name], 0) + _packed(NUMBERS[asked.name], value)
             return (Frame(READ << 24 | sender | self.host_id, data, extended=True),)
@@ -304,17 +349,3 @@ def _unpacked(index: int, value: bytes) -> float:
     if index == NUMBERS[RUN_MODE]:
         return float(value[0])
     return float(struct.unpack("<f", value)[0])
-
-
-def _check_firmware(model: str, firmware: str) -> None:
-    parts = firmware.split(".")
-    if len(parts) != 4 or not all(part.isdecimal() for part in parts):
-        raise InputError("robstride firmware", got=repr(firmware), expected='four numbers, like "0.2.3.6"')
-    first = FIRST_TRUE_GAINS.get(model)
-    if first is not None and tuple(int(part) for part in parts) < first:
-        raise InputError(
-            f"robstride firmware of {model}",
-            got=firmware,
-            expected=f"at least {'.'.join(map(str, first))}",
-            hint="older ones apply 1.4167 times the gains asked for; update the motor",
-        )

@@ -1,28 +1,28 @@
 """RobStride motors: ranges of their fields, faults by bit, and the firmware from which gains are true."""
 
-from hal.can import codec
+from hal.can import fault_names
 from hal.can.codec import MotorModel
 
 STATE_FAULTS = {
-    16: codec.UNDER_VOLTAGE,
-    17: codec.OVER_CURRENT,
-    18: codec.MOTOR_OVER_TEMPERATURE,
-    19: codec.ENCODER,
-    20: codec.OVERLOAD,
-    21: codec.UNCALIBRATED,
+    16: fault_names.UNDER_VOLTAGE,
+    17: fault_names.OVER_CURRENT,
+    18: fault_names.MOTOR_OVER_TEMPERATURE,
+    19: fault_names.ENCODER,
+    20: fault_names.OVERLOAD,
+    21: fault_names.UNCALIBRATED,
 }
 REPORTED_FAULTS = {
-    0: codec.MOTOR_OVER_TEMPERATURE,
-    1: codec.DRIVER,
-    2: codec.UNDER_VOLTAGE,
-    3: codec.OVER_VOLTAGE,
-    4: codec.OVER_CURRENT,
-    5: codec.OVER_CURRENT,
-    7: codec.UNCALIBRATED,
+    0: fault_names.MOTOR_OVER_TEMPERATURE,
+    1: fault_names.DRIVER,
+    2: fault_names.UNDER_VOLTAGE,
+    3: fault_names.OVER_VOLTAGE,
+    4: fault_names.OVER_CURRENT,
+    5: fault_names.OVER_CURRENT,
+    7: fault_names.UNCALIBRATED,
     8: "hardware_id",
-    9: codec.ENCODER,
-    14: codec.OVERLOAD,
-    16: codec.OVER_CURRENT,
+    9: fault_names.ENCODER,
+    14: fault_names.OVERLOAD,
+    16: fault_names.OVER_CURRENT,
 }
 
 MODELS = {

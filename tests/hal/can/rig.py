@@ -110,7 +110,7 @@ class Wireless:
         self.delay_rounds = 0
         self.is_open = True
         self.gone = False
-        self.received = 0
+        self.received = self.error_frames = 0
 
     def open(self) -> None:
         if self.gone:
@@ -142,12 +142,15 @@ class Wireless:
 class Rig:
     """A bus of the host with emulated motors behind it. Rounds run when a test says so."""
 
-    def __init__(self, file: RobotFile | None = None, pos_rad: np.ndarray | None = None) -> None:
+    def __init__(
+        self, file: RobotFile | None = None, pos_rad: np.ndarray | None = None, built: RobotFile | None = None
+    ) -> None:
+        """built: how the motors really are, where the file is wrong."""
         self.file = file or robot_file()
         self.robot, self.faults = StillRobot(pos_rad), Faults()
         self.motors = [
             EmulatedMotor(self.robot, self.faults, entry, codec)
-            for entry, codec in zip(self.file.motors, self.file.codecs)
+            for entry, codec in zip((built or self.file).motors, (built or self.file).codecs)
         ]
         self.bus = CanBus(self.file, "bus", G1)
         self.link = Wireless(self.motors, self.faults)

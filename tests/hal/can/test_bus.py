@@ -25,7 +25,7 @@ MIXED = (
         gear=1.3,
         limits=replace(motor(HIP, 1).limits),
     ),
-    motor(ELBOW, 9, codec="cubemars", model="AK70-10", zero_rad=-1.0),
+    motor(ELBOW, 9, codec="cubemars", model="AK70-10", zero_rad=-1.0, options={"keeps_zero": True}),
 )
 
 

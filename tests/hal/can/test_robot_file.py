@@ -83,11 +83,21 @@ def test_what_is_refused(tmp_path: Path, before: str, after: str, message: str) 
 
 
 def test_a_motor_may_be_weaker_where_its_line_says_so(tmp_path: Path) -> None:
-    weaker = "zero_rad: -0.20, limits: {torque_nm: 10.0}}"
+    weaker = "zero_rad: -0.20, limits: {torque_nm: 26.0}}"
     path = changed(
-        tmp_path, "model: DM8009,   direction:  1, zero_rad: -0.20}", f"model: DM4310, direction: 1, {weaker}"
+        tmp_path, "model: DM8009,   direction:  1, zero_rad: -0.20}", f"model: DM4340, direction: 1, {weaker}"
     )
     check_motors(load_robot_file(path), G1)
+
+
+def test_a_motor_of_less_than_half_the_joints_torque_is_refused_whatever_its_line_says(tmp_path: Path) -> None:
+    """50 Nm at the ankle: 24 are too few."""
+    weaker = "zero_rad: -0.20, limits: {torque_nm: 24.0}}"
+    path = changed(
+        tmp_path, "model: DM8009,   direction:  1, zero_rad: -0.20}", f"model: DM4340, direction: 1, {weaker}"
+    )
+    with pytest.raises(InputError, match=r"left_ankle_pitch_joint.*got 24 Nm at the joint, expected 25 Nm"):
+        check_motors(load_robot_file(path), G1)
 
 
 def test_limits_narrow_the_band_and_may_not_widen_it() -> None:

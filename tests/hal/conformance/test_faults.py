@@ -62,6 +62,7 @@ FAULTS: list[tuple[str, str, float | None, tuple[str, ...]]] = [
     ("power_cycled_zero", KNEE, -1.0, ("position_range", "joint_speed", "device_fault")),
     ("stuck_joint", KNEE, None, ()),
     ("reconnect", "LINE", None, (*SILENT, "device_fault")),
+    ("second_controller", "LINE", None, ("device_fault", "stale")),
 ]
 SERIAL_IMU: list[tuple[str, str, float | None, tuple[str, ...]]] = [
     ("silence", "imu", None, ("stale",)),
@@ -73,7 +74,6 @@ OWN: dict[str, list[tuple[str, str, float | None, tuple[str, ...]]]] = {
     "dynamixel": SERIAL_IMU,
     "dds": [
         ("silence", KNEE, None, ("device_fault",)),
-        ("second_controller", "*", None, ("device_fault",)),
         ("parallel_mode", "*", None, ("device_fault",)),
         ("tick_stands", "*", None, SILENT),
     ],

@@ -12,7 +12,7 @@ from core.errors import InputError
 from hal.dds.command import CommandFrames
 from hal.dds.layout import CMD, STATE
 from hal.dds.link import configuration
-from hal.dds.observation import refusals
+from hal.dds.observation import hand_refusal, refusals
 from hal.dds.options import DdsOptions, load_dds_options
 from hal.dds.slots import SLOT_NAMES, SlotMap
 from hal.dds.state_reader import Counts
@@ -155,13 +155,24 @@ def observed(**changes: object) -> list[np.ndarray]:
     return messages
 
 
-def judge(messages: list[np.ndarray], **counts: int) -> str:
-    return "; ".join(refusals(messages, Counts(**({"heard": 10} | counts)), OPTIONS.held))
+def judge(messages: list[np.ndarray], machine: int = 5, **counts: int) -> str:
+    return "; ".join(refusals(messages, Counts(**({"heard": 10} | counts)), OPTIONS.held, machine))
 
 
 def test_a_healthy_robot_is_not_refused() -> None:
     for machine in (5, 11, 13, 15, 18):
-        assert judge(observed(mode_machine=machine)) == ""
+        assert judge(observed(mode_machine=machine), machine) == ""
+        other = 5 if machine != 5 else 11
+        assert f"mode_machine {machine} is a G1 of another generation" in judge(observed(mode_machine=machine), other)
+
+
+def test_driven_hands_are_refused() -> None:
+    assert hand_refusal({"rt/lowstate", "rt/wirelesscontroller"}) == []
+    assert "rt/dex3/left/state" in hand_refusal({"rt/lowstate", "rt/dex3/left/state"})[0]
+    assert dataclasses.replace(OPTIONS, mode_machine=13).mode_machine == 13
+    for wrong in ({"hands": "dex3"}, {"mode_machine": 4}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))}: "):
+            dataclasses.replace(OPTIONS, **wrong)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from hal.emulator.checks import CommandChecks
 from hal.emulator.dynamixel import DynamixelDevice
 from hal.emulator.dynamixel_servo import EmulatedServo
 from hal.emulator.faults import COMMON_KINDS, Faults
-from hal.emulator.imu import IMU_FAULTS
 from hal.emulator.robot import EmulatedRobot, Joints
 from hal.wire.boards import Snapshot, StateBoard
 from hal.wire.outbox import CommandBoard, Kind, Outbox
@@ -67,7 +66,7 @@ class Bench:
     """Entering lets the servos listen; `begin` comes from the test."""
 
     def __init__(self, **changes: object) -> None:
-        self.faults = Faults(kinds={**COMMON_KINDS, **IMU_FAULTS})
+        self.faults = Faults(kinds={**COMMON_KINDS, **DynamixelDevice.fault_kinds})
         self.robot = StillRobot()
         self.device = DynamixelDevice(cast(EmulatedRobot, self.robot), self.faults, CONFIG)
         self._changes = changes

@@ -234,9 +234,34 @@ def test_a_slow_usb_adapter_is_refused(bench: Bench, monkeypatch: pytest.MonkeyP
 
 
 def test_what_takes_too_long_is_given_up_and_not_done_later(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hal.dynamixel.group.JOB_S", 0.05)
+    monkeypatch.setattr("hal.dynamixel.jobs.JOB_S", 0.05)
     bench.begin()
     with pytest.raises(DeviceFault, match="not done within"):
         bench.driver.enable()  # no round runs
     bench.rounds(30)
     assert not any(servo.get(r.TORQUE_ENABLE) for servo in bench.servos)
+
+
+def test_a_second_controller_on_a_line_is_seen_until_the_operators_word() -> None:
+    with Bench() as bench:
+        bench.begin()
+        bench.energise()
+        bench.track(hold())
+        bench.rounds(3)
+        assert bench.shown == ()
+        bench.faults.add("second_controller", "left_leg")
+        bench.until(lambda: bench.shown)
+        assert bench.shown == ("second controller: somebody else commands servos on left_leg",)
+        bench.faults.clear("second_controller")
+        bench.rounds(3)
+        assert bench.shown != ()
+        bench.during(bench.driver.acknowledge)
+        bench.rounds(3)
+        assert bench.shown == ()
+
+
+def test_a_line_that_somebody_commands_is_refused_at_start() -> None:
+    with Bench() as bench:
+        bench.faults.add("second_controller", "right_arm")
+        with pytest.raises(DeviceFault, match="right_arm: second controller"):
+            bench.begin()

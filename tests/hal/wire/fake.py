@@ -18,6 +18,7 @@ from robot.robot import Robot
 from tests.hal.rigs import G1
 
 CYCLE_S = 0.005
+KNEE_SERIAL = "fake 0001"
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ class FakeDriver:
         self.note("identify")
         if self.setup.refuse:
             raise self.setup.refuse_with(self.setup.refuse)
-        return DeviceInfo("fake", self.joint_names, details={"wire": "none"})
+        identities = {"left_knee_joint": KNEE_SERIAL}
+        return DeviceInfo("fake", self.joint_names, details={"wire": "none"}, identities=identities)
 
     def start(self, outbox, state):
         self.outbox, self.state = outbox, state

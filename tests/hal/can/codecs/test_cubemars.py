@@ -2,9 +2,10 @@
 
 import pytest
 
-from hal.can.codec import CommandKind, Feedback, MotorCommand, MotorState
+from hal.can.codec import CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
+from hal.can.messages import Feedback
 
 CODEC = make_codec("cubemars", 3, "AK80-9")
 

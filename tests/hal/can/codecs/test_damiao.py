@@ -8,9 +8,10 @@ import struct
 
 import pytest
 
-from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Ack, CommandKind, Feedback, MotorCommand, MotorState, Parameter
+from hal.can.codec import CONTROL_MODE, WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
+from hal.can.messages import Ack, Feedback, Parameter
 from hal.contract.types import DeviceFault
 
 CODEC = make_codec("damiao", 5, "DM4310")

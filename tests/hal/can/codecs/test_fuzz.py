@@ -9,8 +9,9 @@ import struct
 import numpy as np
 import pytest
 
-from hal.can.codec import Feedback, MotorCommand, MotorState
+from hal.can.codec import MotorCommand, MotorState
 from hal.can.frame import Frame
+from hal.can.messages import Feedback
 from tests.hal.can.codecs.rigs import CODECS
 
 COUNT = 100_000

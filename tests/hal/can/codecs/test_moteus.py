@@ -9,9 +9,10 @@ import pytest
 pytest.importorskip("moteus", reason="the extra kata[moteus] is not installed")
 
 from core.errors import InputError
-from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, MotorCommand, MotorState, Parameter
+from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec, moteus_registers
 from hal.can.frame import Frame
+from hal.can.messages import Feedback, Parameter
 
 TURN = 2 * math.pi
 OPTIONS = {"kp_nm_per_turn": 100 * TURN, "kd_nm_s_per_turn": 2 * TURN, "torque_nm": 8.0}
@@ -66,7 +67,17 @@ def test_limits_of_what_is_sent():
 
 
 def test_damping_beyond_the_stiffness_is_cut_as_the_controller_cuts_it():
-    sent = CODEC.command(MotorCommand(1.0, 0.0, 10.0, 2.0, 0.0))[0]
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 10.0, 2.0, 0.5))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
+
+
+def test_a_ramp_of_gains_begins_with_all_of_its_damping():
+    """kp 5 of 100, kd 0.2 of 2: the controller would cut the damping to half; as the damping frame it is whole."""
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 5.0, 0.2, 0.0))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
+    assert CODEC.parse_command(sent, MotorCommand()).command.kp == 0.0
+    sent = CODEC.command(MotorCommand(1.0, 0.0, 25.0, 0.2, 0.0))[0]
+    assert CODEC.parse_command(sent, MotorCommand()).command.kp == pytest.approx(25.0)
     assert CODEC.parse_command(sent, MotorCommand()).command.kd == pytest.approx(0.2)
 
 

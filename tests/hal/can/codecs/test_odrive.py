@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
-from hal.can.codec import WATCHDOG_S, CommandKind, Feedback, MotorCommand, MotorState, Parameter
+from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
+from hal.can.messages import Feedback, Parameter
 from hal.contract.types import DeviceFault
 
 CODEC = make_codec("odrive", 3, "S1")

@@ -4,10 +4,10 @@ import struct
 
 import pytest
 
-from core.errors import InputError
-from hal.can.codec import WATCHDOG_S, Ack, CommandKind, Feedback, MotorCommand, MotorState, Parameter
+from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
+from hal.can.messages import Ack, Feedback, Identity, Parameter
 from hal.contract.types import DeviceFault
 
 CODEC = make_codec("robstride", 5, "RS03")
@@ -99,7 +99,8 @@ def test_watchdog_by_hand():
 
 
 def test_the_scaling_is_checked_against_the_float():
-    assert CODEC.read_setup() == (frame(0x1100FD05, "19 70 00 00 00 00 00 00"),)
+    assert CODEC.setup_names[0] == "mechanical_pos_rad"
+    assert CODEC.read_setup()[0] == frame(0x1100FD05, "19 70 00 00 00 00 00 00")
     state = CODEC.parse(frame(0x020005FD, "BF FF 80 00 80 00 01 2C"))
     CODEC.check_feedback({"mechanical_pos_rad": 6.29}, state)
     CODEC.check_feedback({"mechanical_pos_rad": 6.29 - 2 * 3.14159265}, state)
@@ -117,7 +118,7 @@ def test_scan():
     assert CODEC.probe(5, 0xFD) == (frame(0x0000FD05, "00" * 8),)
     found = type(CODEC).recognise(frame(0x000005FE, "01 02 03 04 05 06 07 08"))
     assert (found.motor_id, found.details) == (5, {"serial": "0102030405060708"})
-    assert CODEC.parse(frame(0x000005FE, "01 02 03 04 05 06 07 08")) == Ack(5, "probe")
+    assert CODEC.parse(frame(0x000005FE, "01 02 03 04 05 06 07 08")) == Identity(5, "0102030405060708")
 
 
 def test_the_motor_answers_as_the_host_reads():
@@ -125,8 +126,8 @@ def test_the_motor_answers_as_the_host_reads():
     assert CODEC.parse(CODEC.reply_frames(asked, 1.5)[0]) == Parameter(5, "mechanical_pos_rad", 1.5)
     written = CODEC.parse_command(CODEC.set_watchdog(0.06)[0], MotorCommand())
     assert (written.kind, written.name, written.value) == (CommandKind.WRITE, WATCHDOG_S, 0.06)
-    asked = CODEC.parse_command(CODEC.probe(5, 0xFD)[0], MotorCommand())
-    assert type(CODEC).recognise(CODEC.reply_frames(asked)[0]).motor_id == 5
+    asked = CODEC.parse_command(CODEC.ask_identity()[0], MotorCommand())
+    assert CODEC.reply_frames(asked, 0xA1B2C3)[0] == frame(0x000005FE, "00 00 00 00 00 A1 B2 C3")
     kinds = [CODEC.parse_command(f, MotorCommand()).kind for f in (*CODEC.enable(), *CODEC.disable())]
     assert kinds == [CommandKind.WRITE, CommandKind.ENABLE, CommandKind.DISABLE]
     assert CODEC.parse_command(CODEC.clear_fault()[0], MotorCommand()).kind is CommandKind.CLEAR_FAULT
@@ -137,15 +138,33 @@ def test_a_motor_state_by_hand():
     assert CODEC.feedback_frames(state) == (frame(0x028205FD, "BF FF 40 00 BF FF 01 9F"),)
 
 
-@pytest.mark.parametrize(("model", "firmware"), [("RS01", "0.1.3.3"), ("RS02", "0.2.3.5")])
-def test_firmware_with_false_gains_is_refused(model, firmware):
-    with pytest.raises(InputError, match=r"1\.4167"):
-        make_codec("robstride", 5, model, firmware=firmware)
+FACTORY = {"mechanical_pos_rad": 0.0, "torque_limit_nm": 17.0}
 
 
-def test_firmware_with_true_gains_is_taken():
-    assert make_codec("robstride", 5, "RS02", firmware="0.2.3.6").model.kp == 500.0
-    assert make_codec("robstride", 5, "RS02", firmware="0.10.0.0").model.kp == 500.0
+@pytest.mark.parametrize(("model", "version"), [("RS01", "00 01 03 03"), ("RS02", "00 02 03 05")])
+def test_firmware_with_false_gains_is_refused(model, version):
+    codec = make_codec("robstride", 5, model)
+    assert frame(0x0400FD05, "00 C4 00 00 00 00 00 00") in codec.read_setup()
+    said = codec.parse(frame(0x020005FD, f"00 C4 56 {version} 00"))
+    with pytest.raises(DeviceFault, match=r"1\.4167"):
+        codec.with_setup({**FACTORY, said.name: said.value})
+
+
+@pytest.mark.parametrize("version", ["00 02 03 06", "00 0A 00 00"])
+def test_firmware_with_true_gains_is_taken(version):
+    codec = make_codec("robstride", 5, "RS02")
+    said = codec.parse(frame(0x020005FD, f"00 C4 56 {version} 00"))
+    assert codec.with_setup({**FACTORY, said.name: said.value}) == codec
+
+
+@pytest.mark.parametrize(("model", "peak_nm"), [("RS02", 60.0), ("RS03", 17.0), ("RS00", 120.0), ("RS03", 12.0)])
+def test_another_model_is_known_by_its_torque_limit(model, peak_nm):
+    """RS03 60 Nm, RS02 17, RS04 120; a limit that somebody lowered is refused as well."""
+    codec = make_codec("robstride", 5, model)
+    assert frame(0x1100FD05, "0B 70 00 00 00 00 00 00") in codec.read_setup()
+    said = codec.parse(frame(0x110005FD, "0B 70 00 00" + struct.pack("<f", peak_nm).hex()))
+    with pytest.raises(DeviceFault, match=f"its torque limit \\(0x700B\\) is {peak_nm:g} Nm, that of {model} is"):
+        codec.with_setup({"mechanical_pos_rad": 0.0, said.name: said.value, "firmware": 0x01000000})
 
 
 def test_cybergear_ranges():

@@ -1,0 +1,12 @@
+"""What every protocol calls the same fault."""
+
+OVER_VOLTAGE = "over_voltage"
+UNDER_VOLTAGE = "under_voltage"
+OVER_CURRENT = "over_current"
+DRIVER_OVER_TEMPERATURE = "driver_over_temperature"
+MOTOR_OVER_TEMPERATURE = "motor_over_temperature"
+COMMUNICATION_LOST = "communication_lost"
+OVERLOAD = "overload"
+ENCODER = "encoder"
+UNCALIBRATED = "uncalibrated"
+DRIVER = "driver"

@@ -1,0 +1,125 @@
+"""What a motor says of itself against what the robot file says of it, before anything is energised."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from core.errors import InputError
+from hal.calibration import zero
+from hal.can import zero_mark
+from hal.can.codecs import damiao, odrive, robstride
+from hal.can.robot_file import check_motor, load_robot_file
+from hal.can.setup import prepare
+from hal.contract.types import DeviceFault
+from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, motor, robot_file, served
+
+RS06 = motor(ELBOW, 3, codec="robstride", model="RS06")
+CYBERGEAR = motor(ELBOW, 3, codec="robstride", model="CyberGear", zero_rad=0.25)
+CUBEMARS = motor(ELBOW, 3, codec="cubemars", model="AK70-10", zero_rad=-1.0)
+
+
+def prepared(rig: Rig) -> Rig:
+    for one in rig.bus.motors:
+        prepare(rig.bus, one, rig.file.watchdog_s)
+    return rig
+
+
+@pytest.mark.parametrize(("model", "built"), [("RS02", "RS03"), ("RS00", "RS04"), ("RS06", "RS02"), ("RS03", "RS06")])
+def test_another_robstride_than_the_files_is_refused(model: str, built: str) -> None:
+    """The angle has one range in all of them; gains and torques would be off by up to 20 times."""
+    rig = Rig(robot_file(replace(RS06, model=model)), built=robot_file(replace(RS06, model=built)))
+    with pytest.raises(DeviceFault, match=rf"torque limit \(0x700B\) is .* that of {model} is"):
+        prepared(rig)
+    prepared(Rig(robot_file(replace(RS06, model=model))))
+
+
+def test_firmware_is_read_not_believed() -> None:
+    rig = Rig(robot_file(replace(RS06, model="RS02")))
+    rig.motors[0].values[robstride.FIRMWARE] = 0x00_02_03_05
+    with pytest.raises(DeviceFault, match=r"firmware 0\.2\.3\.5 of RS02 applies 1\.4167 times"):
+        prepared(rig)
+
+
+def test_a_band_beyond_the_motors_range_is_refused() -> None:
+    """The hip's band is 5.5 rad wide: with PMAX 2 rad targets would be cut off silently."""
+    rig = Rig(robot_file(motor(HIP, 1)))
+    rig.motors[0].values[damiao.POS_RANGE_RAD] = 2.0
+    with pytest.raises(DeviceFault, match=r"band is -2.631 to 2.980 rad at the motor, whose positions end at 2 rad"):
+        prepared(rig)
+
+
+def test_serial_numbers_are_read_where_there_are_any() -> None:
+    motors = (motor(HIP, 1), RS06, motor(KNEE, 7, codec="odrive", model="S1"))
+    rig = prepared(Rig(robot_file(*motors)))
+    read = [one.serial for one in rig.bus.motors]
+    assert read == [f"{rig.motors[0].serial:08x}", f"{rig.motors[1].serial:016x}", f"{rig.motors[2].serial:012x}"]
+    assert len(set(read)) == 3
+    cubemars = replace(CUBEMARS, options={"keeps_zero": True})
+    assert [one.serial for one in prepared(Rig(robot_file(cubemars))).bus.motors] == [""]
+
+
+def test_a_moteus_says_its_uuid() -> None:
+    pytest.importorskip("moteus")
+    options = {"kp_nm_per_turn": 800.0, "kd_nm_s_per_turn": 60.0, "torque_nm": 100.0}
+    rig = prepared(Rig(robot_file(motor(HIP, 1, codec="moteus", model="r4", options=options))))
+    assert rig.bus.motors[0].serial == f"{rig.motors[0].serial:032x}"
+
+
+@pytest.mark.parametrize("forgetful", [CYBERGEAR, CUBEMARS], ids=["mark in the motor", "note on the computer"])
+def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
+    forgetful, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zero_mark, "NOTES", tmp_path)
+    rig = Rig(robot_file(forgetful))
+    with pytest.raises(DeviceFault, match=r"left_elbow_joint .*not zeroed since its power came on"):
+        prepared(rig)
+    rig.motors[0]._shift_rad = 0.0  # the vendor's way of setting its zero where the file has it
+    zero_mark.leave_mark(rig.bus, rig.bus.motors[0], forgetful.zero_rad + 0.1)
+    with pytest.raises(DeviceFault, match="or not to the zero_rad of the robot file"):
+        prepared(rig)
+    zero_mark.leave_mark(rig.bus, rig.bus.motors[0], forgetful.zero_rad)
+    prepared(rig)
+    if forgetful is CYBERGEAR:
+        rig.motors[0].power_up(rig.robot.joints())
+    else:
+        monkeypatch.setattr(zero_mark, "_boot", lambda: "another start of this computer")
+    with pytest.raises(DeviceFault, match="not zeroed since its power came on"):
+        prepared(rig)
+
+
+YAML = """robot: g1_23dof
+rate_hz: 200
+watchdog_s: 2.0
+buses:
+  - {name: bus, interface: socketcan, channel: can0}
+motors:
+  - {joint: left_elbow_joint, bus: bus, id: 3, codec: robstride, model: CyberGear, zero_rad: 0.25}
+"""
+
+
+def test_hal_zero_leaves_the_mark(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(YAML)
+    with served(load_robot_file(path), "socketcand") as (_, line):
+        elbow_rad = G1.default_pos_rad[G1.joint_names.index(ELBOW)]
+        options = ["--config", str(path), "--at", f"bus={line.wire.endpoint}", "--angle", str(elbow_rad), "--write"]
+        assert zero.main([ELBOW, *options], ask=lambda question: ELBOW) == 0
+        found = load_robot_file(path).motors[0].zero_rad
+        assert line.motors[0].values["zero_mark"] == pytest.approx(8.0 + found, abs=1e-6)
+
+
+def test_an_odrives_own_limits_are_its_motors() -> None:
+    """60 A of 0.5 Nm/A would be 30 Nm; a drive that is set to 12 A gives 6, too little for a joint of 25 Nm."""
+    limits = {"vel_limit_endpoint": 401, "current_limit_endpoint": 402, "torque_constant_endpoint": 403}
+    file = robot_file(motor(ELBOW, 3, codec="odrive", model="S1", options=limits))
+    rig = prepared(Rig(file))
+    check_motor(file, file.motors[0], rig.bus.motors[0].codec, G1)
+    rig = Rig(file)
+    rig.motors[0].values[odrive.CURRENT_LIMIT_A] = 12.0
+    rig.motors[0].values[odrive.VEL_LIMIT] = 2.0
+    prepared(rig)
+    model = rig.bus.motors[0].codec.model
+    assert (model.torque_nm, model.vel_rad_s) == pytest.approx((6.0, 4 * 3.14159265))
+    with pytest.raises(InputError, match=r"left_elbow_joint: S1 is too weak, got 6 Nm at the joint, expected 25 Nm"):
+        check_motor(file, file.motors[0], rig.bus.motors[0].codec, G1)
