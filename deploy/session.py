@@ -19,7 +19,9 @@ from deploy.operator.keys import Keyboard, RequestSource, StopSignals
 from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
+from deploy.record.last_seconds import INCIDENTS, LastSeconds
 from deploy.record.log import McapLog
+from deploy.record.messages import TickMessages
 from deploy.record.recorder import Recorder
 from deploy.record.report import Ending, RunReport, make_report
 from deploy.settings import DeploySettings, load_settings
@@ -173,11 +175,7 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
     plan = _begin(options, setup, cell)
     observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
-        if options.log is not None:
-            about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
-            log = stack.enter_context(McapLog(options.log, setup.robot, about, may_wait=not options.on_wall_clock))
-            print(f"log {log.path}", flush=True)
-            observers.append(log)
+        observers += _records(options, setup, stack)
         operators: list[RequestSource] = [signals]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
@@ -199,6 +197,22 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
+
+
+def _records(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> list[Observer]:
+    """The log, or else the last seconds of a run that no seed can repeat."""
+    wire = setup.backend if isinstance(setup.backend, WireBackend) else None
+    messages = TickMessages() if wire is None else TickMessages(wire.remote, wire.statistics)
+    about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
+    if options.log is not None:
+        may_wait = not options.on_wall_clock
+        log = stack.enter_context(McapLog(options.log, setup.robot, about, messages, may_wait=may_wait))
+        print(f"log {log.path}", flush=True)
+        return [log]
+    if not options.on_wall_clock:
+        return []
+    kept = LastSeconds(INCIDENTS, setup.robot, about, messages, settings=setup.settings.record, period_s=setup.period_s)
+    return [stack.enter_context(kept)]
 
 
 def _operators(options: RunOptions, backend: Backend, stack: contextlib.ExitStack) -> list[RequestSource]:

@@ -143,6 +143,19 @@ class PreflightSettings(_Checked):
 
 
 @dataclass(frozen=True)
+class RecordSettings(_Checked):
+    """What is kept of a run without a log."""
+
+    last_s: float
+    incidents_kept: int
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("incidents_kept", self.incidents_kept, 1)
+
+
+@dataclass(frozen=True)
 class DeploySettings(_Checked):
     """Everything in one file of configs/deploy."""
 
@@ -152,6 +165,7 @@ class DeploySettings(_Checked):
     sequence: SequenceSettings
     safety: SafetySettings
     preflight: PreflightSettings
+    record: RecordSettings
 
 
 def load_settings(name_or_file: str | Path = "default") -> DeploySettings:

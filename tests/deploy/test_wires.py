@@ -1,9 +1,11 @@
 """deploy/run on a wire: who may start, what a dry run writes, what is recorded. The wire's driver is a fake."""
 
 import json
+import time
 
 import pytest
 import yaml
+from mcap.reader import make_reader
 
 import deploy.session
 import hal.open
@@ -86,6 +88,24 @@ def test_the_remote_stops_it(rig, capsys, monkeypatch):
     assert rig("--duration", 0.5, "--first-run-ok") == 0
     assert "damping" in capsys.readouterr().out.splitlines()
     assert "DAMP" in events(rig)
+
+
+def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monkeypatch):
+    real = hal.open.wire_factory
+    monkeypatch.setattr(hal.open, "wire_factory", lambda name, config, endpoints: real(name, config, {"A": ""}))
+    assert rig("--duration", 1.5, "--first-run-ok", "--log", rig.folder / "logs") == 0
+    (path,) = (rig.folder / "logs").iterdir()
+    said = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            said.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    assert {tuple(content["buttons"]) for _, content in said["/remote"]} == {("A",)}
+    assert all(0.0 <= content["age_s"] < 1.0 for _, content in said["/remote"])
+    rounds = [content["cycles"]["fake"]["rounds"] for _, content in said["/wire"]]
+    assert rounds == sorted(rounds) and rounds[-1] > 100 and said["/wire"][-1][1]["stats"] == {"published": 1.0}
+    (first_ns, first), (last_ns, last) = said["/clock"][0], said["/clock"][-1]
+    assert abs(last["unix_s"] - time.time()) < 60.0
+    assert last["unix_s"] - first["unix_s"] == pytest.approx(1e-9 * (last_ns - first_ns), abs=0.2)
 
 
 BAD = [
