@@ -84,6 +84,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         viewer=given.viewer,
         meshes=given.meshes,
         log=given.log,
+        status_port=given.status,
         dry_run=given.dry_run,
         json=given.json,
         seed=given.seed,
@@ -119,6 +120,7 @@ def _parser() -> ArgumentParser:
     add("--viewer", action="store_true", help="live window")
     add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
+    add("--status", type=count_argument, metavar="PORT", help="status at http://127.0.0.1:PORT/ and /json; 0: any port")
     add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=count_argument, default=0, metavar="S")

@@ -140,14 +140,16 @@ class PreflightSettings(_Checked):
     samples: int
     dry_run_s: float
     dry_run_overruns: float
+    dry_run_days: float
 
 
 @dataclass(frozen=True)
 class RecordSettings(_Checked):
-    """What is kept of a run without a log."""
+    """What is kept of a run without a log, and how often a person sees how it is; 0 s: never."""
 
     last_s: float
     incidents_kept: int
+    status_line_s: float
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""

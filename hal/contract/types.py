@@ -68,9 +68,14 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What `open()` found. watchdog: what the device does by itself when commands stop, in words; empty: nothing."""
+    """What `open()` found. watchdog: what the device does by itself when commands stop, in words; empty: nothing.
+
+    identities: the makers' numbers of motors (by joint) and adapters (`bus NAME`, `port NAME`, `imu`), or what else
+    tells this robot from another; without those that have none.
+    """
 
     name: str
     joint_names: tuple[str, ...]
     watchdog: str = ""
     details: Mapping[str, str] = field(default_factory=dict)
+    identities: Mapping[str, str] = field(default_factory=dict)

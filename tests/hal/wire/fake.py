@@ -64,7 +64,8 @@ class FakeDriver:
         self.note("identify")
         if self.setup.refuse:
             raise self.setup.refuse_with(self.setup.refuse)
-        return DeviceInfo("fake", self.joint_names, details={"wire": "none"})
+        identities = {"bus fake": os.environ["FAKE_WIRE_SERIAL"]} if "FAKE_WIRE_SERIAL" in os.environ else {}
+        return DeviceInfo("fake", self.joint_names, details={"wire": "none"}, identities=identities)
 
     def start(self, outbox, state):
         self.outbox, self.state = outbox, state
