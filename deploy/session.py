@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +18,11 @@ from deploy.dry_run import dry_run
 from deploy.dry_run_record import RECORDS, DryRunRecord, record_of, require_records
 from deploy.episode import Start, place_at_reference
 from deploy.operator.console import Console
+from deploy.operator.estop import EStop
 from deploy.operator.keys import Keyboard, RequestSource, StopSignals
 from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
-from deploy.preflight import require, run_preflight, table
+from deploy.preflight import Check, require, run_preflight, table
 from deploy.record.last_seconds import INCIDENTS, LastSeconds
 from deploy.record.log import McapLog
 from deploy.record.messages import TickMessages
@@ -70,13 +72,14 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
         film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
         stack.enter_context(contextlib.closing(setup.backend))
         _require_dry_runs(options, setup, None)
+        estop = None if setup.settings.estop is None else stack.enter_context(EStop(setup.settings.estop))
         info = setup.backend.open()
         _require_dry_runs(options, setup, info)
-        _preflight(options, setup, info)
+        _preflight(options, setup, info, [] if estop is None else [estop.check()])
         if options.dry_run:
             ending = _rehearse(options, setup, info, cell, signals)
         else:
-            ending = _perform(options, setup, cell, film, signals)
+            ending = _perform(options, setup, cell, film, [signals, *([] if estop is None else [estop])])
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         scene = setup.actors[0].scene
@@ -135,7 +138,7 @@ def _require_dry_runs(options: RunOptions, setup: _Setup, info: DeviceInfo | Non
         require_records(_dry_runs(options, setup, info), RECORDS, setup.settings.preflight.dry_run_days)
 
 
-def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
+def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Sequence[Check]) -> None:
     """A simulated robot that is put at the clip's first frame is not at rest before."""
     checks = run_preflight(
         setup.backend,
@@ -146,6 +149,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
         setup.settings.preflight,
         at_rest=options.start is Start.STAND,
     )
+    checks += besides
     print(f"preflight {info.name}\n{table(checks)}", flush=True)
     require(checks)
 
@@ -180,13 +184,15 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
     return backend.report() if isinstance(backend, WireBackend) else None
 
 
-def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals) -> Ending:
+def _perform(
+    options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", stops: Sequence[RequestSource]
+) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
     observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
         observers += [*_records(options, setup, stack), *_status(options, setup, stack)]
-        operators: list[RequestSource] = [signals]
+        operators: list[RequestSource] = [*stops]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
 

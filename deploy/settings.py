@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from core.config import config_file, load_options
 from core.structured import at_least, none_negative, positive, within
@@ -144,6 +145,18 @@ class PreflightSettings(_Checked):
 
 
 @dataclass(frozen=True)
+class EStopSettings:
+    """An emergency stop button: a status line of a serial device, or the value file of a GPIO pin.
+
+    released: the level while nobody presses. A broken cable must read as the other one.
+    """
+
+    device: str
+    line: Literal["cts", "dsr", "dcd", "gpio"]
+    released: Literal["high", "low"]
+
+
+@dataclass(frozen=True)
 class RecordSettings(_Checked):
     """What is kept of a run without a log, and how often a person sees how it is; 0 s: never."""
 
@@ -168,6 +181,7 @@ class DeploySettings(_Checked):
     safety: SafetySettings
     preflight: PreflightSettings
     record: RecordSettings
+    estop: EStopSettings | None
 
 
 def load_settings(name_or_file: str | Path = "default") -> DeploySettings:
