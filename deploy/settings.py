@@ -9,6 +9,9 @@ from core.structured import at_least, none_negative, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
+FASTEST_LOWERING_S = 2.0
+FASTEST_FADE_S = 0.5
+STIFFEST_LOWERING = 3.0
 
 
 class _Checked:
@@ -46,6 +49,45 @@ class StandUpSettings(_Checked):
         at_least("ramp_s", self.ramp_s, SLOWEST_RAMP_S)
         positive("speed_rad_s", self.speed_rad_s)
         within("speed_rad_s", self.speed_rad_s, 0.0, FASTEST_RISE_RAD_S)
+
+
+@dataclass(frozen=True)
+class CrouchJoint:
+    """Where a joint goes when the robot is lowered, and its stiffness meanwhile as a multiple of the robot's own."""
+
+    rad: float
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        within("stiffness", self.stiffness, 1.0, STIFFEST_LOWERING)
+
+
+@dataclass(frozen=True)
+class LoweringSettings(_Checked):
+    """The way from standing to a crouch, and how the gains fade there."""
+
+    down_s: float
+    settle_s: float
+    fade_s: float
+    lean_rad: float
+    max_lean_rad: float
+    ankle_per_lean: float
+    ankle_per_rate_s: float
+    ankle_pitch_joints: tuple[str, ...]
+    ankle_roll_joints: tuple[str, ...]
+    crouch: dict[str, CrouchJoint]
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("down_s", self.down_s, FASTEST_LOWERING_S)
+        at_least("fade_s", self.fade_s, FASTEST_FADE_S)
+
+    @property
+    def joints(self) -> frozenset[str]:
+        """Every joint that is named."""
+        return frozenset((*self.ankle_pitch_joints, *self.ankle_roll_joints, *self.crouch))
 
 
 @dataclass(frozen=True)
@@ -177,6 +219,7 @@ class DeploySettings(_Checked):
     entry: EntrySettings
     blend_s: float
     stand_up: StandUpSettings
+    lowering: LoweringSettings | None
     sequence: SequenceSettings
     safety: SafetySettings
     preflight: PreflightSettings
