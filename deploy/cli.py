@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
 from core.errors import InputError
@@ -24,8 +25,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with StopSignals() as signals:
             options = parse(arguments)
             report = run_session(options, signals)
-            if options.json is not None:
-                write_json(options.json, report.content)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -35,8 +34,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
+    written = options.json is None or _write(options.json, report)
     print("\n".join(summary(report)), flush=True)
-    return exit_code(report)
+    return exit_code(report) or (DONE if written else FAILED)
+
+
+def _write(path: Path, report: RunReport) -> bool:
+    """The result as JSON; a disk that refuses it changes nothing in how the run ended."""
+    try:
+        write_json(path, report.content)
+    except OSError as error:
+        print(f"error: {path} could not be written: {error.strerror}", file=sys.stderr)
+        return False
+    return True
 
 
 def exit_code(report: RunReport) -> int:
@@ -74,6 +84,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         viewer=given.viewer,
         meshes=given.meshes,
         log=given.log,
+        status_port=given.status,
         dry_run=given.dry_run,
         json=given.json,
         seed=given.seed,
@@ -109,6 +120,7 @@ def _parser() -> ArgumentParser:
     add("--viewer", action="store_true", help="live window")
     add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
+    add("--status", type=count_argument, metavar="PORT", help="status at http://127.0.0.1:PORT/ and /json; 0: any port")
     add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=count_argument, default=0, metavar="S")

@@ -1,18 +1,12 @@
-"""A run that reads and infers and never writes, and the record that it passed."""
+"""A run that reads and infers and never writes."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from core.clock import Clock
-from core.errors import InputError
-from core.files import write_json
 from deploy.actor_run import ActorRun
 from deploy.control.timing import PhaseTimer
 from deploy.preflight import Check
@@ -21,8 +15,6 @@ from deploy.safety.rules import Fault, Wish, make_sample
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, RobotState
-
-RECORDS = Path(__file__).resolve().parents[1] / "runs" / "dry_runs"
 
 
 def dry_run(
@@ -104,40 +96,3 @@ class _Watch:
 
     def _note(self, fault: Fault | None) -> None:
         self._fault = self._fault or fault
-
-
-@dataclass(frozen=True)
-class DryRunRecord:
-    """What a passed dry run is valid for."""
-
-    policy_sha256: str
-    hal_config_sha256: str
-
-    def path(self, folder: Path) -> Path:
-        """Where it is kept."""
-        return folder / f"{self.policy_sha256[:16]}-{self.hal_config_sha256[:16]}.json"
-
-    def save(self, folder: Path, content: dict[str, Any]) -> Path:
-        """Note that it passed."""
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(self.path(folder), {**vars(self), **content})
-        return self.path(folder)
-
-    def is_saved(self, folder: Path) -> bool:
-        """Whether it has passed before."""
-        try:
-            content = json.loads(self.path(folder).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return False
-        return isinstance(content, dict) and all(content.get(name) == value for name, value in vars(self).items())
-
-
-def require_records(records: Sequence[tuple[str, DryRunRecord]], folder: Path) -> None:
-    """(name of the policy, its record) each. Raises InputError naming the policies that have not passed."""
-    missing = [name for name, record in records if not record.is_saved(folder)]
-    if missing:
-        raise InputError(
-            "no passed dry run",
-            where=f"policy {', '.join(missing)} with this HAL configuration",
-            hint="run the same command with --dry-run first, or add --first-run-ok",
-        )

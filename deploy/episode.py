@@ -125,7 +125,8 @@ class FallWatch:
 
 
 class _UntilFall:
-    """The plan, ended by a fall; where a trip alone is no fall, the damped robot is watched a little longer."""
+    """The plan, ended by a fall, and where the robot would be lowered; where a trip alone is no fall, the damped robot
+    is watched a little longer."""
 
     def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, rig: EpisodeRig) -> None:
         self.failure: str | None = None
@@ -139,7 +140,7 @@ class _UntilFall:
         if self._machine.fault is not None and self._watch > 0:
             self._watch -= 1
             return ()
-        return self._plan.requests(state)
+        return [Request.QUIT if asked is Request.FINISH else asked for asked in self._plan.requests(state)]
 
 
 def _result(rig: EpisodeRig, cell: Cell, fell: bool, failure: str | None) -> EpisodeResult:

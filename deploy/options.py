@@ -37,6 +37,7 @@ class RunOptions:
     viewer: bool = False
     meshes: Path | None = None
     log: Path | None = None
+    status_port: int | None = None
     dry_run: bool = False
     json: Path | None = None
     seed: int = 0

@@ -1,6 +1,8 @@
 """One run from options to result: load, preflight, loop, close, score."""
 
 import contextlib
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,16 +14,22 @@ from deploy.actor_run import ActorRun
 from deploy.actors import check_same_period, check_same_scene, load_run
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
-from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
+from deploy.dry_run import dry_run
+from deploy.dry_run_record import RECORDS, DryRunRecord, record_of, require_records
 from deploy.episode import Start, place_at_reference
 from deploy.operator.console import Console
+from deploy.operator.estop import EStop
 from deploy.operator.keys import Keyboard, RequestSource, StopSignals
 from deploy.operator.remote import Gamepad, RemoteButtons
 from deploy.options import RunOptions
 from deploy.preflight import Check, require, run_preflight, table
+from deploy.record.last_seconds import INCIDENTS, LastSeconds
 from deploy.record.log import McapLog
+from deploy.record.messages import TickMessages
 from deploy.record.recorder import Recorder
 from deploy.record.report import Ending, RunReport, make_report
+from deploy.record.status import Status, StatusLine
+from deploy.record.status_server import StatusServer
 from deploy.settings import DeploySettings, load_settings
 from hal.contract.backend import Backend, Placeable
 from hal.contract.types import DeviceInfo
@@ -65,11 +73,15 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
         cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
         film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
         stack.enter_context(contextlib.closing(setup.backend))
-        _preflight(options, setup, setup.backend.open())
+        _require_dry_runs(options, setup, None)
+        estop = None if setup.settings.estop is None else stack.enter_context(EStop(setup.settings.estop))
+        info = setup.backend.open()
+        _require_dry_runs(options, setup, info)
+        _preflight(options, setup, info, [] if estop is None else [estop.check()])
         if options.dry_run:
-            ending = _rehearse(options, setup, cell, signals)
+            ending = _rehearse(options, setup, info, cell, signals)
         else:
-            ending = _perform(options, setup, cell, film, signals)
+            ending = _perform(options, setup, cell, film, [signals, *([] if estop is None else [estop])])
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         scene = setup.actors[0].scene
@@ -87,8 +99,6 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
     actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
     period_s = check_same_period([*actors, *([] if stand is None else [stand])])
-    if options.on_real_wire and not (options.dry_run or options.first_run_ok):
-        require_records([(actor.name, _record(options, actor)) for actor in actors], RECORDS)
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()
     backend = open_backend(
         options.backend,
@@ -120,12 +130,17 @@ def _emulator(options: RunOptions) -> Emulator:
     )
 
 
-def _record(options: RunOptions, actor: ActorRun) -> DryRunRecord:
-    wire = wire_config_sha256(options.backend, options.hal_config, options.endpoints)
-    return DryRunRecord(actor.actor.sha256, wire)
+def _dry_runs(options: RunOptions, setup: _Setup, info: DeviceInfo | None) -> list[tuple[str, DryRunRecord]]:
+    """What must have been rehearsed, by the policy's name. info: None before the device was opened."""
+    return [(actor.name, record_of(options, setup.robot, actor, setup.stand, info)) for actor in setup.actors]
 
 
-def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
+def _require_dry_runs(options: RunOptions, setup: _Setup, info: DeviceInfo | None) -> None:
+    if options.on_real_wire and not (options.dry_run or options.first_run_ok):
+        require_records(_dry_runs(options, setup, info), RECORDS, setup.settings.preflight.dry_run_days)
+
+
+def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Sequence[Check]) -> None:
     """A simulated robot that is put at the clip's first frame is not at rest before."""
     checks = run_preflight(
         setup.backend,
@@ -136,6 +151,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
         setup.settings.preflight,
         at_rest=options.start is Start.STAND,
     )
+    checks += besides
     checks += _verified(options, setup, info)
     print(f"preflight {info.name}\n{table(checks)}", flush=True)
     require(checks)
@@ -151,7 +167,7 @@ def _verified(options: RunOptions, setup: _Setup, info: DeviceInfo) -> list[Chec
     return [Check("verified", problem is None or waived, problem or "joints and IMU are as the files say")]
 
 
-def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSignals) -> Ending:
+def _rehearse(options: RunOptions, setup: _Setup, info: DeviceInfo, cell: Cell, signals: StopSignals) -> Ending:
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
         if options.on_wall_clock:
@@ -171,9 +187,9 @@ def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSigna
         return Ending("operator", wire=_wire_report(setup.backend))
     require(checks, "dry run")
     if options.on_real_wire:
-        for actor in setup.actors:
-            content = {"backend": options.backend, "checks": {check.what: check.found for check in checks}}
-            print(f"recorded {_record(options, actor).save(RECORDS, content)}", flush=True)
+        content = {"backend": options.backend, "checks": {check.what: check.found for check in checks}}
+        for _, record in _dry_runs(options, setup, info):
+            print(f"recorded {record.save(RECORDS, content)}", flush=True)
     return Ending("plan", wire=_wire_report(setup.backend))
 
 
@@ -181,17 +197,15 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
     return backend.report() if isinstance(backend, WireBackend) else None
 
 
-def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals) -> Ending:
+def _perform(
+    options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", stops: Sequence[RequestSource]
+) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
     observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
-        if options.log is not None:
-            about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
-            log = stack.enter_context(McapLog(options.log, setup.robot, about, may_wait=not options.on_wall_clock))
-            print(f"log {log.path}", flush=True)
-            observers.append(log)
-        operators: list[RequestSource] = [signals]
+        observers += [*_records(options, setup, stack), *_status(options, setup, stack)]
+        operators: list[RequestSource] = [*stops]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
 
@@ -212,6 +226,36 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
+
+
+def _records(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> list[Observer]:
+    """The log, or else the last seconds of a run that no seed can repeat."""
+    wire = setup.backend if isinstance(setup.backend, WireBackend) else None
+    messages = TickMessages() if wire is None else TickMessages(wire.remote, wire.statistics)
+    about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
+    if options.log is not None:
+        may_wait = not options.on_wall_clock
+        log = stack.enter_context(McapLog(options.log, setup.robot, about, messages, may_wait=may_wait))
+        print(f"log {log.path}", flush=True)
+        return [log]
+    if not options.on_wall_clock:
+        return []
+    kept = LastSeconds(INCIDENTS, setup.robot, about, messages, settings=setup.settings.record, period_s=setup.period_s)
+    return [stack.enter_context(kept)]
+
+
+def _status(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> list[Observer]:
+    """What people and programs see that look on."""
+    wire = setup.backend if isinstance(setup.backend, WireBackend) else None
+    status = Status(setup.robot, None if wire is None else wire.statistics)
+    observers: list[Observer] = [status]
+    if options.status_port is not None:
+        server = stack.enter_context(StatusServer(status, options.status_port))
+        print(f"status {server.address}", flush=True)
+    every = round(setup.settings.record.status_line_s / setup.period_s)
+    if every and options.attended and sys.stdout.isatty():
+        observers.append(StatusLine(status, every, print))
+    return observers
 
 
 def _operators(options: RunOptions, backend: Backend, stack: contextlib.ExitStack) -> list[RequestSource]:

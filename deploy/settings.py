@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from core.config import config_file, load_options
 from core.structured import at_least, none_negative, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
+FASTEST_LOWERING_S = 2.0
+FASTEST_FADE_S = 0.5
+STIFFEST_LOWERING = 3.0
 
 
 class _Checked:
@@ -45,6 +49,45 @@ class StandUpSettings(_Checked):
         at_least("ramp_s", self.ramp_s, SLOWEST_RAMP_S)
         positive("speed_rad_s", self.speed_rad_s)
         within("speed_rad_s", self.speed_rad_s, 0.0, FASTEST_RISE_RAD_S)
+
+
+@dataclass(frozen=True)
+class CrouchJoint:
+    """Where a joint goes when the robot is lowered, and its stiffness meanwhile as a multiple of the robot's own."""
+
+    rad: float
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        within("stiffness", self.stiffness, 1.0, STIFFEST_LOWERING)
+
+
+@dataclass(frozen=True)
+class LoweringSettings(_Checked):
+    """The way from standing to a crouch, and how the gains fade there."""
+
+    down_s: float
+    settle_s: float
+    fade_s: float
+    lean_rad: float
+    max_lean_rad: float
+    ankle_per_lean: float
+    ankle_per_rate_s: float
+    ankle_pitch_joints: tuple[str, ...]
+    ankle_roll_joints: tuple[str, ...]
+    crouch: dict[str, CrouchJoint]
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("down_s", self.down_s, FASTEST_LOWERING_S)
+        at_least("fade_s", self.fade_s, FASTEST_FADE_S)
+
+    @property
+    def joints(self) -> frozenset[str]:
+        """Every joint that is named."""
+        return frozenset((*self.ankle_pitch_joints, *self.ankle_roll_joints, *self.crouch))
 
 
 @dataclass(frozen=True)
@@ -141,6 +184,33 @@ class PreflightSettings(_Checked):
     samples: int
     dry_run_s: float
     dry_run_overruns: float
+    dry_run_days: float
+
+
+@dataclass(frozen=True)
+class EStopSettings:
+    """An emergency stop button: a status line of a serial device, or the value file of a GPIO pin.
+
+    released: the level while nobody presses. A broken cable must read as the other one.
+    """
+
+    device: str
+    line: Literal["cts", "dsr", "dcd", "gpio"]
+    released: Literal["high", "low"]
+
+
+@dataclass(frozen=True)
+class RecordSettings(_Checked):
+    """What is kept of a run without a log, and how often a person sees how it is; 0 s: never."""
+
+    last_s: float
+    incidents_kept: int
+    status_line_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("incidents_kept", self.incidents_kept, 1)
 
 
 @dataclass(frozen=True)
@@ -150,9 +220,12 @@ class DeploySettings(_Checked):
     entry: EntrySettings
     blend_s: float
     stand_up: StandUpSettings
+    lowering: LoweringSettings | None
     sequence: SequenceSettings
     safety: SafetySettings
     preflight: PreflightSettings
+    record: RecordSettings
+    estop: EStopSettings | None
 
 
 def load_settings(name_or_file: str | Path = "default") -> DeploySettings:

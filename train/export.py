@@ -5,7 +5,6 @@ The graph is the mean action, prior included, in fp32.
 
 import hashlib
 import io
-import subprocess
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +27,6 @@ from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 TOLERANCE = 1e-5
 _OPSET = 17
 _PROBE_SEED = 0
-_CODE = Path(__file__).resolve().parents[1]
 
 
 class ExportError(RuntimeError):
@@ -56,18 +54,6 @@ def actor_spec(
         follows="any_clip" if any_clip else "clip",
         provenance=dict(provenance),
     )
-
-
-def code_version() -> str:
-    """The commit of the code, with ``-dirty`` for uncommitted changes; ``unknown`` outside a clone."""
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
-            cwd=_CODE, capture_output=True, text=True, timeout=10, check=False,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown"
-    return done.stdout.strip() or "unknown"
 
 
 def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -> str:

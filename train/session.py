@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from core.code import code_version
 from core.errors import InputError
 from core.files import write_json, write_whole
 from core.signals import StopRequest
@@ -21,7 +22,7 @@ from motion.residual_wrench import demand_of, friction_needed, residual_wrench
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
-from train.export import actor_spec, code_version, export_actor
+from train.export import actor_spec, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment

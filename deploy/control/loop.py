@@ -5,7 +5,7 @@ from typing import Protocol
 
 from core.clock import Clock
 from deploy.control.sequence import GantryRelease
-from deploy.control.states import Mode, Request
+from deploy.control.states import RESTING, Mode, Request
 from deploy.control.tick import Tick, TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.operator.keys import RequestSource
@@ -34,7 +34,9 @@ class Observer(Protocol):
 
 
 class Loop:
-    """Runs `tick` against `backend` until somebody quits. The backend is open before and stays open after.
+    """Runs `tick` against `backend` until somebody quits, or finishes and it rests.
+
+    The backend is open before and stays open after.
 
     plan: None where only operators ask. duration_s: loop time after which the run ends by itself.
     ended_by: "operator", "plan" or "duration" once `run` has returned.
@@ -54,7 +56,7 @@ class Loop:
         timer: PhaseTimer | None = None,
     ) -> None:
         self.timer = timer or PhaseTimer()
-        self.ended_by = ""
+        self.ended_by = self._ending = ""
         self._backend, self._clock, self._tick = backend, clock, tick
         self._operators, self._plan, self._release, self._observers = operators, plan, release, observers
         self._duration_s = duration_s
@@ -106,11 +108,14 @@ class Loop:
         self._in_charge |= Request.DAMP in asked
         if Request.QUIT in asked:
             self.ended_by = "operator"
+        elif Request.FINISH in asked:
+            self._ending = self._ending or "operator"
         elif self._duration_s is not None and self._read_s - self._start_s >= self._duration_s - CLOCK_GRAIN_S:
-            asked.append(Request.QUIT)
-            self.ended_by = "duration"
+            asked.append(Request.FINISH)
+            self._ending = self._ending or "duration"
         elif self._plan is not None:
             asked += self._plan.requests(_state(reading))
+            self._ending = self._ending or ("plan" if Request.FINISH in asked else "")
             self.ended_by = "plan" if Request.QUIT in asked else ""
         return asked
 
@@ -142,6 +147,8 @@ class Loop:
 
     def _tell(self, reading: RobotState | DeviceError, result: TickResult) -> None:
         state = _state(reading)
+        if result.mode in RESTING:
+            self.ended_by = self.ended_by or self._ending
         if self._release and self._release.due(result.mode, state) and isinstance(self._backend, Supported):
             self._backend.release_gantry()
         for observer in self._observers:

@@ -30,9 +30,9 @@ class GantryRelease:
 
 
 class Unattended:
-    """Stand up, wait for the gantry's release, play the clip once, hold, quit.
+    """Stand up, wait for the gantry's release, play the clip once, hold, finish.
 
-    failure: why a step's conditions never came; the run then ends by quitting.
+    failure: why a step's conditions never came; the run then finishes.
     """
 
     def __init__(
@@ -58,15 +58,15 @@ class Unattended:
             case Mode.IDLE:
                 return () if self._in_mode else (Request.STAND,)
             case Mode.DAMPING if machine.latched:
-                return (Request.QUIT,)
+                return (Request.FINISH,)
             case Mode.READY if self._free > self._after_release and state is not None:
                 self._give_up_if_late(machine.tracked[machine.selected].obstacle(state))
-                return (Request.START,) if self.failure is None else (Request.QUIT,)
+                return (Request.START,) if self.failure is None else (Request.FINISH,)
             case Mode.HOLD if self._in_mode >= self._hold:
-                return (Request.QUIT,)
+                return (Request.FINISH,)
             case Mode.READY | Mode.STAND_UP | Mode.DAMPING:
                 self._give_up_if_late("it is not steady")
-        return () if self.failure is None else (Request.QUIT,)
+        return () if self.failure is None else (Request.FINISH,)
 
     def _give_up_if_late(self, why: str | None) -> None:
         if why is not None and self._in_mode > self._patience:

@@ -2,6 +2,7 @@
 
     IDLE -> DAMPING -> STAND_UP -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
 
+An orderly end out of READY or HOLD lowers the robot first: LOWERING -> DAMPING.
 Any fault and every operator's stop lead to DAMPING, latched; acknowledging leads to IDLE, never straight up.
 """
 
@@ -9,6 +10,7 @@ import enum
 from collections.abc import Callable, Sequence
 
 from deploy.actor_run import ActorRun
+from deploy.control.lowering import lowering_for
 from deploy.control.stand_up import StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
@@ -26,10 +28,11 @@ class Mode(enum.Enum):
     READY = "READY"
     TRACKING = "TRACKING"
     HOLD = "HOLD"
+    LOWERING = "LOWERING"
 
 
 class Request(enum.Enum):
-    """What an operator, or the unattended sequence, may ask for."""
+    """What an operator, or the unattended sequence, may ask for. FINISH ends in order, QUIT at once."""
 
     STAND = "stand"
     START = "start"
@@ -37,6 +40,7 @@ class Request(enum.Enum):
     SWITCH = "switch"
     DAMP = "damp"
     ACKNOWLEDGE = "acknowledge"
+    FINISH = "finish"
     QUIT = "quit"
 
 
@@ -47,9 +51,11 @@ ALLOWED: dict[Request, frozenset[Mode]] = {
     Request.SWITCH: frozenset({Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD}),
     Request.DAMP: frozenset(Mode),
     Request.ACKNOWLEDGE: frozenset({Mode.DAMPING}),
+    Request.FINISH: frozenset(Mode),
     Request.QUIT: frozenset(Mode),
 }
 RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
+STANDING = frozenset({Mode.READY, Mode.HOLD})
 
 
 class StateMachine:
@@ -76,6 +82,7 @@ class StateMachine:
         self.output: PolicyOutput | None = None
         self._stand = stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
+        self._lowering = None if stand is None else lowering_for(robot, stand.start_pose_rad, settings, period_s)
         self._damping_ticks = round(settings.stand_up.damping_s / period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
         self._rested = 0
@@ -92,7 +99,9 @@ class StateMachine:
         match request:
             case Request.DAMP:
                 self._damp(latched=True)
-            case Request.QUIT:
+            case Request.FINISH if self._begin_lowering():
+                pass
+            case Request.FINISH | Request.QUIT:
                 # Idle, nothing is in force that would have to end; the loop damps what it has driven before.
                 if self.mode is not Mode.IDLE:
                     self._damp(latched=True)
@@ -128,6 +137,8 @@ class StateMachine:
             if fault is not None:
                 return fault
             self._sent = self._stand_up.wish()
+        elif self.mode is Mode.LOWERING and self._lowering is not None:
+            self._sent = self._lowering.wish(state)
         elif self.active is not None:
             self.output = self.active.act(state, lap)
             self._sent = self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
@@ -148,6 +159,9 @@ class StateMachine:
                 self._end_of_clip(state)
             elif self._hold_wanted and stand and stand.obstacle(state) is None:
                 self._activate(stand, Mode.HOLD)
+        elif self.mode is Mode.LOWERING and self._lowering:
+            if self._lowering.done or self._lowering.lost(state):
+                self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
             self._activate(stand, Mode.HOLD)
 
@@ -186,6 +200,16 @@ class StateMachine:
             return "stand refused: there is no stand actor"
         self._damp(latched=False)
         return None
+
+    def _begin_lowering(self) -> bool:
+        """Lower a robot that the stand actor balances. False where it does not: there is no time then."""
+        if self.mode is Mode.LOWERING:
+            return True
+        if self._lowering is None or self.mode not in STANDING or self.active is not self._stand:
+            return False
+        self._lowering.start(self._sent)
+        self.mode, self.active, self._blend_from = Mode.LOWERING, None, None
+        return True
 
     def _start_selected(self, state: RobotState | None) -> str | None:
         actor = self.tracked[self.selected]

@@ -17,7 +17,8 @@ class TickResult:
     """command: to be written, or None: the joints are damped, or left alone in IDLE.
 
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
-    stop was cleared. actor, output: who moved the joints and what it computed; None where none did.
+    stop was cleared. actor, output: who moved the joints and what it computed; None where none did. requests: what was
+    asked for.
     """
 
     command: JointCommand | None
@@ -28,6 +29,7 @@ class TickResult:
     acknowledged: bool
     actor: ActorRun | None
     output: PolicyOutput | None
+    requests: tuple[Request, ...] = ()
 
 
 class Tick:
@@ -67,8 +69,9 @@ class Tick:
             guard.reset()
         output = None if state is None else machine.output
         return TickResult(
-            command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output
-        )
+            command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output,
+            tuple(requests),
+        )  # fmt: skip
 
     def _fault_of(self, reading: RobotState | DeviceError, inference_s: float) -> Fault | None:
         if isinstance(reading, DeviceError):

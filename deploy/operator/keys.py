@@ -20,10 +20,11 @@ KEYS = {
     "d": Request.DAMP,
     " ": Request.DAMP,
     "a": Request.ACKNOWLEDGE,
-    "q": Request.QUIT,
+    "q": Request.FINISH,
 }
 KEY_TABLE = (
-    "s stand up   t start the motion   h hold   n next motion   d or space damp   a acknowledge   q quit   ctrl-c stop"
+    "s stand up   t start the motion   h hold   n next motion   d or space damp   a acknowledge   q lower and quit   "
+    "ctrl-c stop"
 )
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -1,86 +1,60 @@
 """One MCAP file per run, with JSON-schema channels that Foxglove and PlotJuggler read."""
 
-import json
-import math
+import contextlib
 import queue
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-from mcap.writer import Writer
-
-from core.errors import InputError
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
-from deploy.safety.rules import Fault
+from deploy.record.mcap_file import McapFile
+from deploy.record.messages import Message, TickMessages
 from hal.contract.types import RobotState
 from robot.robot import Robot
 
-QUEUE_MESSAGES = 2048
-NUMBER: dict[str, Any] = {"type": ["number", "null"]}
-NUMBERS: dict[str, Any] = {"type": "array", "items": NUMBER}
-TEXT: dict[str, Any] = {"type": "string"}
-CHANNELS: dict[str, dict[str, Any]] = {
-    "/state": {
-        "joint_pos_rad": NUMBERS,
-        "joint_vel_rad_s": NUMBERS,
-        "joint_torque_nm": NUMBERS,
-        "joint_age_s": NUMBERS,
-        "imu_quat_wxyz": NUMBERS,
-        "imu_ang_vel_b": NUMBERS,
-        "imu_acc_b": NUMBERS,
-        "imu_age_s": NUMBER,
-        "temperature_c": NUMBERS,
-        "true_root_pos_w": NUMBERS,
-        "true_root_quat_wxyz": NUMBERS,
-        "true_foot_contact": NUMBERS,
-    },
-    "/command": {"q_rad": NUMBERS, "kp": NUMBERS, "kd": NUMBERS},
-    "/observation": {"groups": {"type": "object", "additionalProperties": NUMBERS}},
-    "/action": {
-        "policy_sha256": TEXT,
-        "motion": TEXT,
-        "tick": {"type": "integer"},
-        "action": NUMBERS,
-        "target_rad": NUMBERS,
-    },
-    "/events": {"event": TEXT, "detail": TEXT},
-    "/timing": {"tick": {"type": "integer"}, "overruns": {"type": "integer"}, "phases_ms": {"type": "object"}},
-}
+QUEUE_TICKS = 256
+FLUSH_S = 0.2
+SYNC_S = 1.0
+END_LIMIT_S = 2.0
+
+
+def complain(line: str) -> None:
+    """On standard error."""
+    print(line, file=sys.stderr, flush=True)
 
 
 class McapLog:
-    """Writes beside the loop, in a thread of its own: a slow disk delays no tick.
+    """Writes beside the loop, in a thread of its own: a slow disk delays no tick, and a full one ends only the log.
 
+    A process that is killed leaves all but its last 0.2 s, a power cut all but the last second or two.
     Arrays are in the robot's joint order, which is in the file's metadata. null stands for what is not a number.
     A context manager; whatever ended the run, the file is complete up to there. Also an Observer.
-    may_wait: whether a full queue holds the loop up (a run on simulated time) or costs messages, counted in `dropped`.
+    may_wait: whether a full queue holds the loop up (a run on simulated time) or costs ticks, counted in `dropped`.
     """
 
-    def __init__(self, folder: Path, robot: Robot, about: dict[str, str], *, may_wait: bool) -> None:
-        folder.mkdir(exist_ok=True)
-        self.path = folder / time.strftime("run-%Y%m%d-%H%M%S.mcap")
-        attempt = 1
-        while self.path.exists():
-            attempt += 1
-            self.path = folder / time.strftime(f"run-%Y%m%d-%H%M%S-{attempt}.mcap")
-        self._file = self.path.open("wb")
-        self._writer = Writer(self._file)
-        self._writer.start(profile="", library="kata")
-        self._channels = {topic: self._register(topic, fields) for topic, fields in CHANNELS.items()}
-        self._writer.add_metadata("run", {**about, "joint_names": json.dumps(robot.joint_names)})
-        self._queue: queue.Queue[tuple[str, int, dict[str, Any]] | None] = queue.Queue(QUEUE_MESSAGES)
-        self._may_wait = may_wait
+    def __init__(
+        self,
+        folder: Path,
+        robot: Robot,
+        about: Mapping[str, str],
+        messages: TickMessages | None = None,
+        *,
+        may_wait: bool,
+        complain: Callable[[str], None] = complain,
+    ) -> None:
+        self._file = McapFile(folder, robot, about)
+        self.path = self._file.path
         self.dropped = 0
-        self._thread = threading.Thread(target=self._drain, name="log", daemon=True)
-        self._error: OSError | None = None
-        self._fault: Fault | None = None
-        self._last_ns = 0
+        self._messages = messages or TickMessages()
+        self._queue: queue.Queue[list[Message] | None] = queue.Queue(QUEUE_TICKS)
+        self._may_wait, self._complain = may_wait, complain
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._ended = threading.Event()
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -89,87 +63,47 @@ class McapLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._queue.put(None)
-        self._thread.join()
-        with self._file:
-            self._writer.finish()
+        """Wait for the file's end, at most 2 s where the loop must not wait."""
+        self._put(None, block=True)
+        self._thread.join(None if self._may_wait else END_LIMIT_S)
         if self.dropped:
-            print(f"log: {self.dropped} messages lost to a slow disk", file=sys.stderr)
-        if self._error is not None:
-            raise InputError(f"the log could not be written ({self._error.strerror})", where=self.path) from self._error
+            self._complain(f"log: {self.dropped} ticks lost to a slow disk")
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
-        """See Observer. Times are those of the loop's clock; an unread state has the time of the one before."""
-        now_ns = self._last_ns if state is None else round(1e9 * state.time_s)
-        self._last_ns = now_ns
-        if state is not None:
-            self._put("/state", now_ns, _state_fields(state))
-        self._put_events(now_ns, result)
-        if result.output is not None and result.actor is not None:
-            spec_tick, output = result.actor.tick - 1, result.output
-            self._put("/observation", now_ns, {"groups": output.observation})
-            fields = {"tick": spec_tick, "action": output.action, "target_rad": output.target_rad}
-            self._put(
-                "/action", now_ns, {"policy_sha256": result.actor.actor.sha256, "motion": result.actor.name, **fields}
-            )
-        if (command := result.command) is not None:
-            self._put("/command", now_ns, {"q_rad": command.q_rad, "kp": command.kp, "kd": command.kd})
-        phases = {phase: 1e3 * spent_s for phase, spent_s in timer.laps_s.items()}
-        self._put("/timing", now_ns, {"tick": timer.ticks, "overruns": timer.overruns, "phases_ms": phases})
+        """See Observer. Times are those of the loop's clock."""
+        if not self._ended.is_set():
+            self._put(self._messages.of(state, result, timer), block=self._may_wait)
 
-    def _put_events(self, now_ns: int, result: TickResult) -> None:
-        for mode in result.modes:
-            self._put("/events", now_ns, {"event": "state", "detail": mode.value})
-        for refusal in result.refused:
-            self._put("/events", now_ns, {"event": "refused", "detail": refusal})
-        if result.fault is not self._fault:
-            self._fault = result.fault
-            self._put("/events", now_ns, {"event": "fault", "detail": str(result.fault or "cleared")})
-
-    def _put(self, topic: str, time_ns: int, fields: dict[str, Any]) -> None:
+    def _put(self, entry: list[Message] | None, *, block: bool) -> None:
         try:
-            self._queue.put((topic, time_ns, fields), block=self._may_wait)
+            self._queue.put(entry, block=block, timeout=None if self._may_wait else END_LIMIT_S)
         except queue.Full:
             self.dropped += 1
 
-    def _register(self, topic: str, fields: dict[str, Any]) -> int:
-        schema = {"type": "object", "properties": fields}
-        data = json.dumps(schema).encode()
-        schema_id = self._writer.register_schema(
-            name=f"kata{topic.replace('/', '.')}", encoding="jsonschema", data=data
-        )
-        return self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
+    def _write(self) -> None:
+        try:
+            self._drain()
+            self._file.finish()
+        except Exception as error:  # whatever it is, it is the log's and not the run's
+            self._ended.set()
+            why = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+            self._complain(f"log: {self.path} ends here, it cannot be written ({why}); the run goes on")
+            while self._queue.get() is not None:
+                pass
+        finally:
+            with contextlib.suppress(OSError):
+                self._file.close()
 
     def _drain(self) -> None:
+        """Write until told to end. Raises OSError."""
+        flushed_s = synced_s = time.monotonic()
         while (entry := self._queue.get()) is not None:
-            if self._error is not None:
-                continue
-            topic, time_ns, fields = entry
-            data = json.dumps(_plain(fields), allow_nan=False).encode()
-            try:
-                self._writer.add_message(self._channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
-            except OSError as error:
-                self._error = error
-
-
-def _state_fields(state: RobotState) -> dict[str, Any]:
-    fields = {name: getattr(state, name) for name in CHANNELS["/state"] if hasattr(state, name)}
-    if state.temperature_c is None:
-        del fields["temperature_c"]
-    if (truth := state.truth) is not None:
-        fields["true_root_pos_w"] = truth.root_pos_w
-        fields["true_root_quat_wxyz"] = truth.root_quat_wxyz
-        fields["true_foot_contact"] = truth.foot_contact.astype(np.float64)
-    return fields
-
-
-def _plain(value: Any) -> Any:
-    """What JSON can hold; float32 becomes the double of the same value."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, np.ndarray):
-        numbers: Sequence[Any] = value.tolist()
-        return numbers if np.isfinite(value).all() else [_plain(number) for number in numbers]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
+            for message in entry:
+                self._file.add(message)
+            now_s = time.monotonic()
+            if now_s - flushed_s >= FLUSH_S:
+                self._file.flush()
+                flushed_s = now_s
+            if now_s - synced_s >= SYNC_S:
+                self._file.sync()
+                synced_s = now_s

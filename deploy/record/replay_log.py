@@ -1,21 +1,19 @@
 """The command `deploy/replay`: a log's states through an actor again, and the first term that comes out otherwise."""
 
-import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 
 from core.arguments import ArgumentParser, number_argument, path_argument
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.record.read_log import LoggedTick, read_log
 from deploy.settings import load_settings
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
@@ -25,16 +23,6 @@ from robot.robot import Robot, load_robot
 
 SAME, DIFFERENT, BAD_INPUT = 0, 1, 2
 STATE_FIELDS = ("imu_quat_wxyz", "imu_ang_vel_b", "joint_pos_rad", "joint_vel_rad_s")
-
-
-@dataclass
-class LoggedTick:
-    """One tick of an actor as a log holds it: what it saw, and what came out."""
-
-    time_s: float
-    state: dict[str, Any] = field(default_factory=dict)
-    observation: dict[str, Any] = field(default_factory=dict)
-    action: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -50,24 +38,6 @@ class Difference:
     def __str__(self) -> str:
         values = f"log {self.logged:.9g}, replay {self.replayed:.9g}"
         return f"first difference at tick {self.tick} (t = {self.time_s:.3f} s): {self.term}: {values}"
-
-
-def read_ticks(path: Path) -> tuple[list[LoggedTick], tuple[str, ...]]:
-    """All ticks of actors in a log, in order, and the joint names. InputError on a file that is no log of a run."""
-    ticks: dict[int, LoggedTick] = {}
-    try:
-        with path.open("rb") as file:
-            reader = make_reader(file)
-            about = {record.name: record.metadata for record in reader.iter_metadata()}
-            for _, channel, message in reader.iter_messages(topics=["/state", "/observation", "/action"]):
-                tick = ticks.setdefault(message.log_time, LoggedTick(1e-9 * message.log_time))
-                setattr(tick, channel.topic.strip("/"), json.loads(message.data))
-        joint_names = tuple(json.loads(about["run"]["joint_names"]))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path) from error
-    except (McapError, KeyError, ValueError) as error:
-        raise InputError("is not a log of a run", where=path, got=str(error) or type(error).__name__) from error
-    return [tick for tick in ticks.values() if tick.action], joint_names
 
 
 def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[LoggedTick]:
@@ -111,10 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given = parser.parse_args(arguments)
         robot = load_robot(given.robot)
         run = load_run(given.policy, given.motion, robot, load_settings().entry)
-        ticks, joint_names = read_ticks(given.log)
-        if joint_names != robot.joint_names:
+        log = read_log(given.log)
+        if log.joint_names != robot.joint_names:
             raise InputError("the log is of another robot", where=given.log, expected=robot.name)
-        chosen = ticks_of(run.actor, ticks, given.log)
+        if log.cut is not None:
+            print(f"{given.log} was not closed ({log.cut}): replaying the {len(log.ticks)} ticks that are whole")
+        chosen = ticks_of(run.actor, log.ticks, given.log)
         difference = first_difference(run, robot, chosen, given.tolerance)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -153,6 +153,10 @@ class WireBackend(ClosesByDamping):
         answer = self._receive(REPORT_LIMIT_S)
         return answer if isinstance(answer, dict) else {}
 
+    def statistics(self) -> dict[str, Any]:
+        """The cycles' and the driver's counters of the last second; never waits."""
+        return self._state.statistics() if self._is_open else {}
+
     def remote(self) -> tuple[tuple[str, ...], float]:
         """Pressed buttons of a wireless remote and how long ago they were heard in s; inf where there is none."""
         snapshot = self._state.snapshot() if self._is_open else None

@@ -3,14 +3,16 @@
 import json
 import math
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hal.wire.ring import Ring
 
 TEXT_BYTES = 8192
+STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
@@ -45,7 +47,9 @@ class StateBoard:
         self.num_joints = num_joints
         numbers = Ring.size(_number_bytes(num_joints))
         self._numbers = Ring(buffer[:numbers], _number_bytes(num_joints))
-        self._texts = Ring(buffer[numbers:], TEXT_BYTES)
+        texts = numbers + Ring.size(TEXT_BYTES)
+        self._texts = Ring(buffer[numbers:texts], TEXT_BYTES)
+        self._statistics = Ring(buffer[texts:], STATISTICS_BYTES)
         self._values = np.full(ROWS * num_joints + IMU_VALUES + 1, np.nan)
         self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
         self._imu = self._values[ROWS * num_joints : -1]
@@ -58,7 +62,7 @@ class StateBoard:
     @staticmethod
     def size(num_joints: int) -> int:
         """Bytes of shared memory."""
-        return Ring.size(_number_bytes(num_joints)) + Ring.size(TEXT_BYTES)
+        return sum(Ring.size(capacity) for capacity in (_number_bytes(num_joints), TEXT_BYTES, STATISTICS_BYTES))
 
     def joints(
         self,
@@ -104,7 +108,7 @@ class StateBoard:
             self._publish_texts()
 
     def stats(self, name: str, value: float) -> None:
-        """A figure for the report at the end, e.g. a counter of corrupt frames."""
+        """A figure for logs and for the report at the end, e.g. a counter of corrupt frames."""
         with self._lock:
             self._stats[name] = value
 
@@ -112,6 +116,17 @@ class StateBoard:
         """Every figure given so far; in the wire process only."""
         with self._lock:
             return dict(self._stats)
+
+    def publish_statistics(self, content: Mapping[str, Any]) -> None:
+        """Show the loop counters; what does not fit is left out."""
+        record = json.dumps(content, default=float).encode()
+        if len(record) <= STATISTICS_BYTES:
+            self._statistics.publish(record)
+
+    def statistics(self) -> dict[str, Any]:
+        """Counters as last published; empty before."""
+        latest = self._statistics.latest()
+        return {} if latest is None else json.loads(latest[1])
 
     def snapshot(self) -> Snapshot | None:
         """The newest values; None where nothing has been heard at all."""

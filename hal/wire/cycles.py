@@ -38,13 +38,15 @@ class CycleThread:
         self._thread.join(wait_s)
         return not self._thread.is_alive()
 
+    def counters(self) -> dict[str, int]:
+        """Rounds, those that ended after the next was due, and those that raised."""
+        return {"rounds": self.rounds, "overruns": self.overruns, "failures": self.failures}
+
     def report(self) -> dict[str, object]:
-        """Rounds, those that ended after the next was due, and percentiles of lateness and duration in ms."""
+        """The counters, and percentiles of lateness and duration in ms."""
         return {
             "period_ms": 1e3 * self.cycle.period_s,
-            "rounds": self.rounds,
-            "overruns": self.overruns,
-            "failures": self.failures,
+            **self.counters(),
             "late_ms": _percentiles(list(self._late_s)),
             "round_ms": _percentiles(list(self._spent_s)),
         }

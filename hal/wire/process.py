@@ -27,6 +27,7 @@ from hal.wire.ring import SharedMemory
 from robot.robot import Robot
 
 WATCH_S = 0.02
+STATISTICS_S = 1.0
 STOP_WAIT_S = 1.0
 SWITCH_INTERVAL_S = 5e-4
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
@@ -56,6 +57,7 @@ class WireProcess:
         self._failures: dict[str, str] = {}
         self._lock = threading.Lock()
         self._was_latched = False
+        self._statistics_due_s = 0.0
 
     def run(self) -> int:
         """Until the loop closes or is gone. Exit code: 0, or 1 where the devices could not be opened."""
@@ -116,7 +118,11 @@ class WireProcess:
         return {"cycles": cycles, "stats": self._state.all_stats(), "scheduling": scheduling}
 
     def _watch(self) -> None:
-        """Show the loop a latched dead man, and say so."""
+        """Show the loop the counters once a second, and a latched dead man, and say so."""
+        if (now_s := time.monotonic()) >= self._statistics_due_s:
+            self._statistics_due_s = now_s + STATISTICS_S
+            counters = {thread.cycle.name: thread.counters() for thread in self._threads}
+            self._state.publish_statistics({"cycles": counters, "stats": self._state.all_stats()})
         latched = self._outbox.latched
         if latched == self._was_latched:
             return

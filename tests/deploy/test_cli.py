@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -47,14 +48,14 @@ def run(actors, *options, policy="clip.onnx"):
 
 
 def state_lines(text):
-    states = ("IDLE", "damping", "STAND_UP", "READY", "TRACKING", "HOLD")
+    states = ("IDLE", "damping", "STAND_UP", "READY", "TRACKING", "HOLD", "LOWERING")
     return [line for line in text.splitlines() if line in states]
 
 
 def test_from_standing_up_to_standing_again_in_mujoco(actors, tmp_path):
     done = run(actors, "--backend", "mujoco", "--json", tmp_path / "r.json", "--log", tmp_path / "logs")
     assert done.returncode == 0, done.stderr
-    assert state_lines(done.stdout) == ["damping", "STAND_UP", "READY", "TRACKING", "HOLD", "damping"]
+    assert state_lines(done.stdout) == ["damping", "STAND_UP", "READY", "TRACKING", "HOLD", "LOWERING", "damping"]
     result = json.loads((tmp_path / "r.json").read_text())
     assert (result["outcome"], result["fault"], result["motion"], result["backend"]) == (
         "completed",
@@ -207,6 +208,20 @@ def test_a_signal_stops_within_5_s_damped_and_orderly(actors, tmp_path, number, 
     assert child.returncode == 0, error
     assert state_lines(out) == ["damping"] and "outcome stopped" in out and "Traceback" not in error
     assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "stopped"
+
+
+def test_the_status_of_a_run_over_http(actors):
+    child = start_realtime(
+        actors, "--backend", "mock", "--start", "reference", "--status", "0", stdin=subprocess.DEVNULL
+    )
+    address = next(line.split()[1] for line in child.stdout if line.startswith("status "))
+    wait_for(child, "TRACKING")
+    with urllib.request.urlopen(f"{address}json", timeout=10) as answer:
+        content = json.load(answer)
+    child.send_signal(signal.SIGTERM)
+    child.communicate(timeout=10)
+    assert content["mode"] == "TRACKING" and content["trip"] is None and content["wire"] is None
+    assert set(content["torque_share"]) == set(ROBOT.joint_names) == set(content["temperature_c"])
 
 
 def test_a_person_at_the_keys_through_a_pipe(actors):

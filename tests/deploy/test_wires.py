@@ -1,17 +1,21 @@
 """deploy/run on a wire: who may start, what a dry run writes, what is recorded. The wire's driver is a fake."""
 
 import json
+import time
+from dataclasses import fields, replace
 
 import pytest
 import yaml
+from mcap.reader import make_reader
 
 import deploy.session
 import hal.open
 from core.config import config_file
 from core.errors import InputError
 from deploy.cli import main
-from deploy.dry_run import DryRunRecord, require_records
+from deploy.dry_run_record import DAY_S, DryRunRecord, require_records
 from deploy.options import RunOptions
+from deploy.preflight import Check
 from hal.verification.record import VerifiedRecord
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import KNEE_SERIAL, read_journal
@@ -66,13 +70,13 @@ def test_a_dry_run_reads_infers_writes_nothing_and_is_recorded(rig, capsys):
     assert result["outcome"] == "completed" and result["timing"]["ticks"] > 50 and result["emulated"] is False
     assert result["wire"]["cycles"]["fake"]["rounds"] > 0
     (record,) = (rig.folder / "records").iterdir()
-    assert json.loads(record.read_text())["policy_sha256"] == result["policy_sha256"]
+    assert json.loads(record.read_text())["valid_for"]["policy"] == result["policy_sha256"]
 
 
 def test_the_first_run_needs_a_passed_dry_run(rig, capsys):
     assert rig("--duration", 0.2) == 2
     error = capsys.readouterr().err
-    assert "no passed dry run" in error and "--dry-run" in error and events(rig) == []
+    assert "no dry run has passed" in error and "--dry-run" in error and events(rig) == []
     assert rig("--duration", 0.2, "--first-run-ok") == 0
     assert rig("--dry-run") == 0
     assert rig("--duration", 0.2) == 0
@@ -115,6 +119,24 @@ def test_the_remote_stops_it(rig, capsys, monkeypatch):
     assert "DAMP" in events(rig)
 
 
+def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monkeypatch):
+    real = hal.open.wire_factory
+    monkeypatch.setattr(hal.open, "wire_factory", lambda name, config, endpoints: real(name, config, {"A": ""}))
+    assert rig("--duration", 1.5, "--first-run-ok", "--log", rig.folder / "logs") == 0
+    (path,) = (rig.folder / "logs").iterdir()
+    said = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            said.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    assert {tuple(content["buttons"]) for _, content in said["/remote"]} == {("A",)}
+    assert all(0.0 <= content["age_s"] < 1.0 for _, content in said["/remote"])
+    rounds = [content["cycles"]["fake"]["rounds"] for _, content in said["/wire"]]
+    assert rounds == sorted(rounds) and rounds[-1] > 100 and said["/wire"][-1][1]["stats"] == {"published": 1.0}
+    (first_ns, first), (last_ns, last) = said["/clock"][0], said["/clock"][-1]
+    assert abs(last["unix_s"] - time.time()) < 60.0
+    assert last["unix_s"] - first["unix_s"] == pytest.approx(1e-9 * (last_ns - first_ns), abs=0.2)
+
+
 BAD = [
     ((), {"emulate": True}, "--emulate and --first-run-ok, got --backend mock"),
     ((), {"first_run_ok": True}, "--first-run-ok"),
@@ -144,11 +166,61 @@ def test_start_noise_is_for_the_emulator():
     RunOptions("can", ("taichi",), emulate=True, start_noise_rad=0.02).check()
 
 
-def test_records_are_compared_whole(tmp_path):
-    record = DryRunRecord("a" * 64, "b" * 64)
-    assert not record.is_saved(tmp_path)
-    record.save(tmp_path / "new", {"backend": "can"})
-    assert record.is_saved(tmp_path / "new")
-    assert not DryRunRecord("a" * 63 + "c", "b" * 64).is_saved(tmp_path / "new")
-    with pytest.raises(InputError, match="policy x, y with this HAL configuration: no passed dry run"):
-        require_records([("x", record), ("y", record)], tmp_path)
+@pytest.fixture
+def rehearsal(monkeypatch):
+    """A dry run that passes at once, however busy the machine is: here its record is what matters."""
+    monkeypatch.setattr(deploy.session, "dry_run", lambda *parts: [Check("dry run", True, "not held")])
+
+
+def changed_stand(rig):
+    write_standing_actor(rig.folder / "stand.onnx", name="another_stand")
+
+
+def changed_settings(rig):
+    patient = rig.folder / "patient.yaml"
+    patient.write_text(patient.read_text().replace("blend_s: 0.3", "blend_s: 0.4"))
+
+
+@pytest.mark.parametrize(("change", "what"), [(changed_stand, "stand"), (changed_settings, "settings")])
+def test_a_dry_run_with_another_stand_or_other_thresholds_does_not_hold(rig, rehearsal, capsys, change, what):
+    assert rig("--dry-run") == 0 and rig("--duration", 0.2) == 0
+    change(rig)
+    assert rig("--duration", 0.2) == 2
+    assert f"since the dry run that passed, these changed: {what}; run the same" in capsys.readouterr().err
+
+
+def test_a_dry_run_of_another_robot_does_not_hold(rig, rehearsal, capsys, monkeypatch):
+    """The same files and the same code; only the numbers that the makers gave the motors differ."""
+    monkeypatch.setenv("FAKE_WIRE_SERIAL", "motor 1")
+    assert rig("--dry-run") == 0 and rig("--duration", 0.2) == 0
+    monkeypatch.setenv("FAKE_WIRE_SERIAL", "motor 2")
+    assert rig("--duration", 0.2) == 2
+    assert "these changed: identity; run" in capsys.readouterr().err
+    assert "TRACK" not in events(rig) and events(rig)[-1] == "close"
+
+
+RECORD = DryRunRecord("a" * 64, "clip", "stand", "settings", "robot", "b" * 64, "v1", "id")
+
+
+@pytest.mark.parametrize("field", [field.name for field in fields(DryRunRecord)])
+def test_records_are_compared_whole(tmp_path, field):
+    assert "no dry run" in RECORD.missing(tmp_path, 7.0)
+    RECORD.save(tmp_path / "new", {"backend": "can"})
+    assert RECORD.missing(tmp_path / "new", 7.0) is None
+    assert replace(RECORD, identity=None).missing(tmp_path / "new", 7.0) is None
+    other = replace(RECORD, **{field: "c" * 64})
+    assert field in other.missing(tmp_path / "new", 7.0) or "no dry run" in other.missing(tmp_path / "new", 7.0)
+
+
+@pytest.mark.parametrize(("age_days", "holds"), [(6.9, True), (7.1, False), (-1.0, False)])
+def test_a_record_expires(tmp_path, age_days, holds):
+    path = RECORD.save(tmp_path, {})
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"passed_unix_s": time.time() - age_days * DAY_S}))
+    why = RECORD.missing(tmp_path, 7.0)
+    assert (why is None) is holds and (holds or f"is {age_days:.1f} days old, limit 7" in why)
+
+
+def test_policies_without_a_record_are_named(tmp_path):
+    with pytest.raises(InputError, match="policy x, y: no dry run has passed with this HAL configuration"):
+        require_records([("x", RECORD), ("y", RECORD)], tmp_path, 7.0)

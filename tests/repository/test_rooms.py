@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("core", "robot", "world", "view", "motion", "policy", "hal", "deploy", "sim2sim", "train")
 RUN_BY_PEOPLE = (
-    "deploy/run", "deploy/replay", "sim2sim/evaluate", "train/run.py", "train/report/build", "motion/author/build",
-    "motion/process", "motion/view", "motion/check", "motion/list",
+    "deploy/run", "deploy/replay", "deploy/doctor", "sim2sim/evaluate", "train/run.py", "train/report/build",
+    "motion/author/build", "motion/process", "motion/view", "motion/check", "motion/list",
 )  # fmt: skip
 CODE = sorted(
     path for folder in (*ROOMS, "benchmarks", "tests") for path in (ROOT / folder).rglob("*.py") if path.is_file()

@@ -53,7 +53,8 @@ class Rig:
 def test_unattended_walks_all_states_and_ends_damped(tmp_path):
     rig = Rig(tmp_path)
     rig.loop.run()
-    assert rig.modes == [Mode.DAMPING, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD, Mode.DAMPING]
+    standing = [Mode.DAMPING, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD]
+    assert rig.modes == [*standing, Mode.LOWERING, Mode.DAMPING]
     assert rig.released_in == [Mode.READY]
     assert rig.loop.ended_by == "plan" and rig.plan.failure is None and rig.machine.fault is None
     assert rig.backend.calls[-1] == "damp" and rig.loop.timer.overruns == 0
@@ -88,7 +89,7 @@ def test_state_age_is_counted_when_the_command_leaves(tmp_path):
     assert rig.loop.timer.report()["state_age_ms"]["p50"] == pytest.approx(9.0)
 
 
-@pytest.mark.parametrize("mode", [Mode.DAMPING, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD])
+@pytest.mark.parametrize("mode", [Mode.DAMPING, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD, Mode.LOWERING])
 @pytest.mark.parametrize("request_", [Request.QUIT, Request.DAMP])
 def test_a_stop_in_any_state_takes_effect_within_one_tick(tmp_path, mode, request_):
     rig = Rig(tmp_path)

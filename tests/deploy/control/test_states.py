@@ -62,7 +62,9 @@ class Stage:
         if mode is Mode.STAND_UP:
             return self
         self.until(Mode.READY)
-        if mode is Mode.READY:
+        if mode in (Mode.READY, Mode.LOWERING):
+            if mode is Mode.LOWERING:
+                self(Request.FINISH)
             return self
         self(Request.START)
         if mode is Mode.HOLD:
@@ -104,6 +106,8 @@ def test_every_request_in_every_state(folder, mode, request_):
         Request.STAND: {Mode.IDLE: Mode.DAMPING},
         Request.START: {Mode.READY: Mode.TRACKING, Mode.HOLD: Mode.TRACKING},
         Request.DAMP: dict.fromkeys(Mode, Mode.DAMPING),
+        Request.FINISH: dict.fromkeys(Mode, Mode.DAMPING)
+        | {Mode.IDLE: Mode.IDLE, Mode.READY: Mode.LOWERING, Mode.HOLD: Mode.LOWERING, Mode.LOWERING: Mode.LOWERING},
         Request.QUIT: dict.fromkeys(Mode, Mode.DAMPING) | {Mode.IDLE: Mode.IDLE},
         Request.HOLD: {Mode.TRACKING: Mode.HOLD},
         Request.SWITCH: {m: m for m in (Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD)},

@@ -14,8 +14,10 @@ from deploy.control.sequence import OnlyTheClip
 from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.episode import place_at_reference
-from deploy.record.log import CHANNELS, McapLog
-from deploy.record.replay_log import first_difference, main, read_ticks, ticks_of
+from deploy.record.log import McapLog
+from deploy.record.messages import CHANNELS
+from deploy.record.read_log import read_log
+from deploy.record.replay_log import first_difference, main, ticks_of
 from deploy.safety.guard import Guard
 from hal.open import open_backend
 from tests.deploy.toys import GRAVITY_X, KNEE, PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
@@ -69,7 +71,11 @@ def test_ticks_are_complete_and_in_order(logged):
         assert len(content["joint_pos_rad"]) == ROBOT.num_joints
     assert [content["tick"] for _, _, content in messages(logged[0], "/action")] == list(range(20))
     events = [content for _, _, content in messages(logged[0], "/events")]
-    assert [(event["event"], event["detail"]) for event in events] == [("state", "TRACKING"), ("state", "damping")]
+    assert [(event["event"], event["detail"]) for event in events] == [
+        ("state", "TRACKING"),
+        ("request", "quit"),
+        ("state", "damping"),
+    ]
     assert set(messages(logged[0], "/timing")[3][2]["phases_ms"]) == {"read", "observe", "infer", "guard", "write"}
 
 
@@ -117,8 +123,9 @@ PHASE_COLUMN = 3 + 3 + ROBOT.num_joints
 def test_a_state_that_was_altered_is_named(logged, field, place, term):
     """Tick 7 of the log is changed: the first term that depends on it is named."""
     run = load_run(logged[1], None, ROBOT, SETTINGS.entry)
-    ticks, joint_names = read_ticks(logged[0])
-    assert joint_names == ROBOT.joint_names
+    log = read_log(logged[0])
+    assert log.joint_names == ROBOT.joint_names and log.cut is None
+    ticks = log.ticks
     ticks[7].state[field][place] += 0.01
     difference = first_difference(run, ROBOT, ticks, 1e-5)
     assert (difference.tick, difference.term) == (7, term)
@@ -146,4 +153,4 @@ def test_unusable_logs_and_actors(logged, tmp_path, capsys):
         write_linear_actor(tmp_path / "s.onnx", seconds=0.4, name="stranger"), None, ROBOT, SETTINGS.entry
     )
     with pytest.raises(InputError, match=r"no tick of this actor.*toy"):
-        ticks_of(stranger.actor, read_ticks(logged[0])[0], logged[0])
+        ticks_of(stranger.actor, read_log(logged[0]).ticks, logged[0])

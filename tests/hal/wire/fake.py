@@ -66,6 +66,8 @@ class FakeDriver:
         if self.setup.refuse:
             raise self.setup.refuse_with(self.setup.refuse)
         identities = {"left_knee_joint": KNEE_SERIAL}
+        if "FAKE_WIRE_SERIAL" in os.environ:
+            identities["bus fake"] = os.environ["FAKE_WIRE_SERIAL"]
         return DeviceInfo("fake", self.joint_names, details={"wire": "none"}, identities=identities)
 
     def start(self, outbox, state):

@@ -1,0 +1,1 @@
+"""What the computer on board needs, and what checks it."""

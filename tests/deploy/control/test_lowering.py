@@ -1,0 +1,104 @@
+"""An orderly end puts a standing robot down; judged by MuJoCo's own pelvis, not by what the loop believes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.lowering import put_down
+from deploy.control.lowering import Lowering, lowering_for
+from deploy.control.states import Mode, Request, StateMachine
+from deploy.safety.rules import Wish
+from tests.deploy.toys import JOINTS, PERIOD_S, ROBOT, SETTINGS, linear_run, state, tilted
+
+POSE = ROBOT.default_pos_rad
+TICKS = round((SETTINGS.lowering.down_s + SETTINGS.lowering.settle_s + SETTINGS.lowering.fade_s) / PERIOD_S)
+ANKLE = ROBOT.joint_names.index("left_ankle_pitch_joint")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_pelvis_comes_down_slower_than_a_damped_one_and_upright(seed):
+    lowered, damped = put_down(seed, Request.FINISH), put_down(seed, Request.QUIT)
+    assert lowered.lowest_m < 0.25 and damped.lowest_m < 0.25  # both are down
+    assert lowered.fastest_m_s < 0.8 < 1.2 < damped.fastest_m_s
+    assert lowered.largest_tilt_rad < 0.45
+
+
+def lowering():
+    return Lowering(ROBOT, POSE, SETTINGS.lowering, PERIOD_S, SETTINGS.blend_s)
+
+
+def test_targets_move_slowly_from_what_was_sent_to_the_crouch_and_the_gains_end_in_damping():
+    down = lowering()
+    down.start(Wish(POSE, ROBOT.kp, ROBOT.kd))
+    wishes = []
+    while not down.done:
+        wishes.append(down.wish(state()))
+    targets = np.array([wish.target_rad for wish in wishes])
+    np.testing.assert_allclose(targets[0], POSE, atol=0.01)
+    knee = ROBOT.joint_names.index("left_knee_joint")
+    assert targets[-1][knee] == 2.4 and len(wishes) == TICKS
+    assert np.abs(np.diff(targets[:, knee])).max() / PERIOD_S < 1.2  # of 2.1 rad in 3 s along a cosine: 1.1 rad/s
+    held = round((SETTINGS.lowering.down_s + SETTINGS.lowering.settle_s) / PERIOD_S)
+    assert wishes[held].kp[knee] == 300.0 and wishes[held].kp[ANKLE] == 120.0  # 2 x 150, 3 x 40
+    assert (wishes[-1].kp < 0.07 * ROBOT.kp).all()
+    assert np.abs(wishes[-1].kd - ROBOT.damping_kd).max() < 0.1
+
+
+def test_the_ankles_press_the_toes_down_where_the_robot_leans_forwards():
+    """By 0.7 times the sine of a lean of 0.1 rad; nothing was sent before."""
+    down = lowering()
+    down.start(None)
+    assert down.wish(state(imu_quat_wxyz=tilted(0.1))).target_rad[ANKLE] == pytest.approx(
+        POSE[ANKLE] + 0.0699, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(("lean_rad", "lost"), [(0.30, False), (0.40, True), (-0.40, True)])
+def test_a_lean_that_the_ankles_cannot_answer_is_damped(lean_rad, lost, tmp_path):
+    machine = standing(tmp_path)
+    machine.request(Request.FINISH, state())
+    machine.advance(state(imu_quat_wxyz=tilted(lean_rad)))
+    assert (machine.mode is Mode.DAMPING) is lost and machine.fault is None
+
+
+def standing(folder):
+    stand = linear_run(folder, name="stand")
+    machine = StateMachine(ROBOT, stand, [linear_run(folder, name="clip")], SETTINGS, PERIOD_S)
+    machine._activate(stand, Mode.READY)
+    machine.advance(state())
+    return machine
+
+
+def test_finish_lowers_once_and_ends_latched(tmp_path):
+    machine = standing(tmp_path)
+    for tick in range(TICKS):
+        assert machine.request(Request.FINISH, state()) is None
+        wish = machine.advance(state())
+        assert machine.mode is Mode.LOWERING and wish.target_rad.size == JOINTS, tick
+    assert machine.advance(state()) is None
+    assert machine.mode is Mode.DAMPING and machine.latched and machine.fault is None
+
+
+@pytest.mark.parametrize("request_", [Request.QUIT, Request.DAMP])
+def test_while_it_is_lowered_a_stop_damps_at_once(tmp_path, request_):
+    machine = standing(tmp_path)
+    machine.request(Request.FINISH, state())
+    machine.advance(state())
+    machine.request(request_, state())
+    assert machine.mode is Mode.DAMPING and machine.advance(state()) is None
+
+
+def test_where_nobody_balances_it_is_damped(tmp_path):
+    machine = standing(tmp_path)
+    machine.request(Request.START, state())
+    assert machine.mode is Mode.TRACKING
+    machine.request(Request.FINISH, state())
+    assert machine.mode is Mode.DAMPING
+
+
+def test_a_robot_without_the_joints_or_the_setting_is_not_lowered():
+    other = replace(SETTINGS.lowering, ankle_roll_joints=("tail_joint",))
+    for lowering_settings in (None, other):
+        settings = replace(SETTINGS, lowering=lowering_settings)
+        assert lowering_for(ROBOT, POSE, settings, PERIOD_S) is None

@@ -1,0 +1,177 @@
+"""What is left of a run that a crash, a full disk or a trip ended."""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+from mcap.reader import make_reader
+
+import deploy.session
+from core.errors import InputError
+from deploy.cli import main
+from deploy.control.states import StateMachine
+from deploy.control.tick import Tick
+from deploy.control.timing import PhaseTimer
+from deploy.record.last_seconds import LastSeconds
+from deploy.record.log import McapLog
+from deploy.record.messages import TickMessages
+from deploy.record.read_log import read_log
+from deploy.record.replay_log import main as replay
+from deploy.safety.guard import Guard
+from tests.deploy.test_cli import ENVIRONMENT, RUN, wait_for
+from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
+
+RING = replace(SETTINGS.record, last_s=1.0, incidents_kept=3)
+
+
+@pytest.fixture
+def actor(tmp_path):
+    return write_linear_actor(tmp_path / "long.onnx", seconds=60.0, name="long")
+
+
+def start(actor, *options, **popen):
+    command = [sys.executable, "-P", str(RUN), "--policy", str(actor), "--start", "reference", *map(str, options)]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+    return subprocess.Popen(command, text=True, env=ENVIRONMENT, **streams, **popen)
+
+
+def content(path, topic):
+    with path.open("rb") as file:
+        return [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(topics=[topic])]
+
+
+def test_a_killed_run_leaves_a_log_up_to_the_last_moment_and_replay_reads_it(actor, tmp_path, capsys):
+    child = start(actor, "--backend", "mock", "--realtime", "--log", tmp_path / "logs")
+    wait_for(child, "TRACKING")
+    time.sleep(1.5)
+    killed_s = time.monotonic()
+    child.kill()
+    child.communicate()
+    (path,) = (tmp_path / "logs").iterdir()
+    log = read_log(path)
+    assert log.cut is not None and killed_s - log.ticks[-1].time_s < 0.5
+    assert len(log.ticks) > 40 and abs(float(log.about["began_unix_s"]) - time.time()) < 60.0
+    assert replay([str(path), "--policy", str(actor)]) == 0
+    out = capsys.readouterr().out
+    assert "was not closed" in out and f"{len(log.ticks)} ticks agree" in out
+
+
+def small_disk():
+    """No file may grow beyond this: the write fails as it does on a full disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+
+def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
+    """An actor that does nothing falls in MuJoCo: exit code 3."""
+    options = ("--backend", "mujoco", "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
+    child = start(actor, *options, preexec_fn=small_disk)
+    out, error = child.communicate(timeout=60)
+    assert child.returncode == 3, error
+    assert "ends here, it cannot be written (File too large); the run goes on" in error
+    assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "tripped" and "outcome tripped" in out
+    (path,) = (tmp_path / "logs").iterdir()
+    assert len(read_log(path).ticks) > 3
+
+
+def test_a_full_disk_is_said_at_once(tmp_path, monkeypatch):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+
+    def full(fd, data):
+        raise OSError(28, "No space left on device")
+
+    with McapLog(tmp_path, ROBOT, {}, may_wait=False, complain=said.append) as log:
+        monkeypatch.setattr("deploy.record.mcap_file.os.write", full)
+        deadline_s = time.monotonic() + 10.0
+        while not said and time.monotonic() < deadline_s:
+            log(state(), tick(state()), PhaseTimer())
+            time.sleep(PERIOD_S)
+        assert said == [f"log: {log.path} ends here, it cannot be written (No space left on device); the run goes on"]
+        log(state(), tick(state()), PhaseTimer())
+    assert len(said) == 1
+
+
+def test_a_power_cut_that_leaves_zeros_or_half_a_record_is_read_as_far_as_it_goes(tmp_path, actor):
+    assert (
+        main(
+            [
+                "--backend",
+                "mock",
+                "--start",
+                "reference",
+                "--policy",
+                str(actor),
+                "--duration",
+                "1",
+                "--log",
+                str(tmp_path / "logs"),
+            ]
+        )
+        == 0
+    )
+    (path,) = (tmp_path / "logs").iterdir()
+    whole = path.read_bytes()
+    ticks = len(read_log(path).ticks)
+    for damage in (whole[:-200], whole[: len(whole) // 2], whole[: len(whole) // 2] + bytes(4096)):
+        path.write_bytes(damage)
+        log = read_log(path)
+        assert log.cut and 0 < len(log.ticks) <= ticks
+    path.write_bytes(whole[:40])
+    with pytest.raises(InputError, match="is not a log of a run"):
+        read_log(path)
+
+
+def ring(folder, said):
+    return LastSeconds(
+        folder, ROBOT, {"backend": "toy"}, TickMessages(), settings=RING, period_s=PERIOD_S, say=said.append
+    )
+
+
+def ticks(observer, first, last, tick, **changes):
+    for number in range(first, last):
+        reading = state(number * PERIOD_S, **changes)
+        observer(reading, tick(reading), PhaseTimer())
+
+
+def test_the_last_seconds_before_a_trip_are_kept_without_a_log(tmp_path):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+    with ring(tmp_path / "incidents", said) as kept:
+        ticks(kept, 0, 500, tick)
+        ticks(kept, 500, 510, tick, faults=("motor_fault:left_knee_joint: overload",))
+    (path,) = (tmp_path / "incidents").iterdir()
+    assert said == [f"the last 50 ticks are in {path}"]
+    conditions = content(path, "/condition")
+    assert len(content(path, "/state")) == len(conditions) == 50
+    assert [bool(condition["trip"]) for condition in conditions] == 40 * [False] + 10 * [True]
+    assert conditions[-1] == {
+        "mode": "damping",
+        "trip": "device_fault: motor_fault:left_knee_joint: overload",
+        "device_faults": ["motor_fault:left_knee_joint: overload"],
+    }
+    assert read_log(path).about["reason"] == conditions[-1]["trip"]
+
+
+def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_raised(tmp_path):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+    with ring(tmp_path / "incidents", said) as kept:
+        ticks(kept, 0, 20, tick)
+    assert said == [] and not (tmp_path / "incidents").exists()
+    for _ in range(5):
+        with pytest.raises(ZeroDivisionError), ring(tmp_path / "incidents", said) as kept:
+            ticks(kept, 0, 20, tick)
+            raise ZeroDivisionError("here")
+    assert len(said) == 5 and len(list((tmp_path / "incidents").iterdir())) == 3
+    assert read_log(max((tmp_path / "incidents").iterdir())).about["reason"] == "ZeroDivisionError('here')"
+
+
+def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(deploy.session, "INCIDENTS", tmp_path / "incidents")
+    options = ["--backend", "mujoco", "--start", "reference", "--policy", str(actor), "--realtime"]
+    assert main(options) == 3
+    (path,) = (tmp_path / "incidents").iterdir()
+    assert f"ticks are in {path}" in capsys.readouterr().err
+    log = read_log(path)
+    assert log.cut is None and log.about["reason"].startswith("tilt: ") and len(log.ticks) > 20
