@@ -69,6 +69,7 @@ class CubemarsCodec(Codec):
     """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. No options."""
 
     name = "cubemars"
+    probe_stops = True
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
