@@ -1,14 +1,15 @@
 """The command `deploy/run`."""
 
-import sys
+import os
 from collections.abc import Sequence
 
 from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_argument
 from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
+from deploy.operator.buttons import BUTTON_TABLE
 from deploy.operator.keys import KEY_TABLE, StopSignals
-from deploy.operator.remote import BUTTON_TABLE
+from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.record.report import RunReport, summary
 from deploy.session import run_session
@@ -19,23 +20,31 @@ DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run, print what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    """Run, say what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    voice = Voice()
+    code = _main(arguments, voice)
+    if not voice.close():
+        os._exit(code)  # the interpreter's end would wait for the console
+    return code
+
+
+def _main(arguments: Sequence[str] | None, voice: Voice) -> int:
     try:
         with StopSignals() as signals:
             options = parse(arguments)
-            report = run_session(options, signals)
+            report = run_session(options, signals, voice)
             if options.json is not None:
                 write_json(options.json, report.content)
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return BAD_INPUT
     except DeviceError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return DEVICE
     except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return FAILED
-    print("\n".join(summary(report)), flush=True)
+    voice.say("\n".join(summary(report)))
     return exit_code(report)
 
 

@@ -14,9 +14,15 @@ from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
 from deploy.episode import Start, place_at_reference
+from deploy.operator.buttons import Buttons
 from deploy.operator.console import Console
-from deploy.operator.keys import Keyboard, RequestSource, StopSignals
-from deploy.operator.remote import Gamepad, RemoteButtons
+from deploy.operator.gamepad import Gamepad
+from deploy.operator.keyboard import Keyboard
+from deploy.operator.keys import RequestSource, StopSignals, StopSource
+from deploy.operator.presence import Presence
+from deploy.operator.remote import RemoteButtons
+from deploy.operator.takeover import Consent, Takeover
+from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
 from deploy.record.log import McapLog
@@ -48,17 +54,18 @@ class _Setup:
     period_s: float
     clock: Clock
     backend: Backend
+    voice: Voice
 
     @property
     def runs(self) -> list[ActorRun]:
         return [*self.actors, *([] if self.stand is None else [self.stand])]
 
 
-def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
+def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunReport:
     """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
     options.check()
     with contextlib.ExitStack() as stack:
-        setup = _prepare(options, stack)
+        setup = _prepare(options, stack, voice)
         report_only = options.backend == "mujoco" and setup.sim.report_only
         cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
         film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
@@ -73,11 +80,11 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
         scene = setup.actors[0].scene
         model = compile_model(setup.robot, timestep_s=setup.period_s, scene=scene, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
-            print(f"stopped: {options.video} was not drawn", flush=True)
+            voice.say(f"stopped: {options.video} was not drawn")
     return report
 
 
-def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
+def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> _Setup:
     """Load everything that a user may have got wrong, and start the emulator where one is asked for."""
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
     if options.meshes is not None:
@@ -103,7 +110,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         endpoints=options.endpoints,
         emulator=stack.enter_context(_emulator(options)) if options.emulate else None,
     )
-    return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend)
+    return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend, voice)
 
 
 def _emulator(options: RunOptions) -> Emulator:
@@ -134,7 +141,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
         setup.settings.preflight,
         at_rest=options.start is Start.STAND,
     )
-    print(f"preflight {info.name}\n{table(checks)}", flush=True)
+    setup.voice.say(f"preflight {info.name}\n{table(checks)}")
     require(checks)
 
 
@@ -142,7 +149,7 @@ def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSigna
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
         if options.on_wall_clock:
-            stack.enter_context(realtime(lambda line: print(line, flush=True)))
+            stack.enter_context(realtime(setup.voice.say))
         stack.enter_context(no_garbage_collection())
         checks = dry_run(
             setup.backend,
@@ -153,14 +160,14 @@ def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSigna
             setup.settings.preflight,
             lambda: signals.raised,
         )
-    print(f"dry run, nothing was written to the joints\n{table(checks)}", flush=True)
+    setup.voice.say(f"dry run, nothing was written to the joints\n{table(checks)}")
     if signals.raised:
         return Ending("operator", wire=_wire_report(setup.backend))
     require(checks, "dry run")
     if options.on_real_wire:
         for actor in setup.actors:
             content = {"backend": options.backend, "checks": {check.what: check.found for check in checks}}
-            print(f"recorded {_record(options, actor).save(RECORDS, content)}", flush=True)
+            setup.voice.say(f"recorded {_record(options, actor).save(RECORDS, content)}")
     return Ending("plan", wire=_wire_report(setup.backend))
 
 
@@ -171,12 +178,12 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
 def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
-    observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
+    observers: list[Observer] = [Console(setup.voice, refusals=options.attended), *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
         if options.log is not None:
             about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
             log = stack.enter_context(McapLog(options.log, setup.robot, about, may_wait=not options.on_wall_clock))
-            print(f"log {log.path}", flush=True)
+            setup.voice.say(f"log {log.path}")
             observers.append(log)
         operators: list[RequestSource] = [signals]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
@@ -185,9 +192,9 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
             window = stack.enter_context(ViewerObserver(setup.backend, cell.recorder))
             observers.append(window)
             operators.append(window)
-        operators += _operators(options, setup.backend, stack)
+        operators += _operators(options, setup, cell, stack)
         if options.on_wall_clock:
-            stack.enter_context(realtime(lambda line: print(line, flush=True)))
+            stack.enter_context(realtime(setup.voice.say))
         stack.enter_context(no_garbage_collection())
         loop = cell.loop(
             setup.backend,
@@ -196,21 +203,30 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
             operators=operators,
             observers=observers,
             duration_s=options.duration_s,
+            complain=setup.voice.complain,
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 
-def _operators(options: RunOptions, backend: Backend, stack: contextlib.ExitStack) -> list[RequestSource]:
-    """The people at keyboard, gamepad and remote."""
-    operators: list[RequestSource] = []
+def _operators(options: RunOptions, setup: _Setup, cell: Cell, stack: contextlib.ExitStack) -> list[RequestSource]:
+    """The people at keyboard, gamepad and remote. On a real wire one of them has to be there, and to agree."""
+    settings, clock, voice = setup.settings.operator, setup.clock, setup.voice
+    consent = Consent() if options.on_real_wire else None
+    people: list[StopSource] = []
     if options.attended:
-        operators.append(stack.enter_context(Keyboard()))
+        people.append(stack.enter_context(Keyboard(say=voice.say, consent=consent)))
     if options.gamepad is not None:
-        operators.append(stack.enter_context(Gamepad(options.gamepad)))
-    if isinstance(backend, WireBackend):
-        operators.append(RemoteButtons(backend.remote))
-    return operators
+        buttons = Buttons(consent, settings.chord_s)
+        gamepad = Gamepad(options.gamepad, buttons, clock, settings.gamepad_silent_s, voice.say)
+        people.append(stack.enter_context(gamepad))
+    if isinstance(setup.backend, WireBackend):
+        buttons = Buttons(consent, settings.chord_s)
+        people.append(RemoteButtons(setup.backend.remote, buttons, clock, settings.remote_silent_s))
+    if consent is None:
+        return [*people]
+    presence = Presence(people, lambda: cell.machine.mode, clock, settings, voice.complain)
+    return [Takeover(people, consent, voice.complain), presence]
 
 
 def _begin(options: RunOptions, setup: _Setup, cell: Cell) -> Plan | None:
