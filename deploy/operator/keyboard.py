@@ -70,6 +70,7 @@ class Keyboard:
         if self._typed is not None and request not in STOPS:
             self._type(key)
             return None
+        self._typed = None
         if request in TAKING and self._consent is not None and not self._consent.given:
             self._ask()
             return None
