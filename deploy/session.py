@@ -14,14 +14,9 @@ from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
 from deploy.episode import Start, place_at_reference
-from deploy.operator.buttons import Buttons
 from deploy.operator.console import Console
-from deploy.operator.gamepad import Gamepad
-from deploy.operator.keyboard import Keyboard
-from deploy.operator.keys import RequestSource, StopSignals, StopSource
-from deploy.operator.presence import Presence
-from deploy.operator.remote import RemoteButtons
-from deploy.operator.takeover import Consent, Takeover
+from deploy.operator.keys import RequestSource, StopSignals
+from deploy.operator.people import people
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.preflight import require, run_preflight, table
@@ -192,7 +187,8 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
             window = stack.enter_context(ViewerObserver(setup.backend, cell.recorder))
             observers.append(window)
             operators.append(window)
-        operators += _operators(options, setup, cell, stack)
+        shared = (setup.settings.operator, setup.clock, setup.voice)
+        operators += people(options, setup.backend, lambda: cell.machine.mode, *shared, stack)
         if options.on_wall_clock:
             stack.enter_context(realtime(setup.voice.say))
         stack.enter_context(no_garbage_collection())
@@ -207,26 +203,6 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
-
-
-def _operators(options: RunOptions, setup: _Setup, cell: Cell, stack: contextlib.ExitStack) -> list[RequestSource]:
-    """The people at keyboard, gamepad and remote. On a real wire one of them has to be there, and to agree."""
-    settings, clock, voice = setup.settings.operator, setup.clock, setup.voice
-    consent = Consent() if options.on_real_wire else None
-    people: list[StopSource] = []
-    if options.attended:
-        people.append(stack.enter_context(Keyboard(say=voice.say, consent=consent)))
-    if options.gamepad is not None:
-        buttons = Buttons(consent, settings.chord_s)
-        gamepad = Gamepad(options.gamepad, buttons, clock, settings.gamepad_silent_s, voice.say)
-        people.append(stack.enter_context(gamepad))
-    if isinstance(setup.backend, WireBackend):
-        buttons = Buttons(consent, settings.chord_s)
-        people.append(RemoteButtons(setup.backend.remote, buttons, clock, settings.remote_silent_s))
-    if consent is None:
-        return [*people]
-    presence = Presence(people, lambda: cell.machine.mode, clock, settings, voice.complain)
-    return [Takeover(people, consent, voice.complain), presence]
 
 
 def _begin(options: RunOptions, setup: _Setup, cell: Cell) -> Plan | None:

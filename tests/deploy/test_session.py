@@ -45,7 +45,7 @@ class NoKeyboard(contextlib.nullcontext):
 
 def test_the_report_is_about_the_actor_that_performed_not_the_one_selected_meanwhile(tmp_path, monkeypatch):
     policies = [write_linear_actor(tmp_path / f"{name}.onnx", name=name) for name in ("first", "second")]
-    monkeypatch.setattr("deploy.session.Keyboard", NoKeyboard)
+    monkeypatch.setattr("deploy.operator.people.Keyboard", NoKeyboard)
     monkeypatch.setattr("deploy.session.MonotonicClock", SimulatedClock)
     monkeypatch.setattr("deploy.session.realtime", lambda say: contextlib.nullcontext())
     options = RunOptions("mock", tuple(map(str, policies)), start=Start.REFERENCE, interactive=True)

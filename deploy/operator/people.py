@@ -1,0 +1,48 @@
+"""Who may ask a run for something: the people at keyboard, gamepad and remote."""
+
+import contextlib
+from collections.abc import Callable
+
+from core.clock import Clock
+from deploy.control.states import Mode
+from deploy.operator.buttons import Buttons
+from deploy.operator.gamepad import Gamepad
+from deploy.operator.keyboard import Keyboard
+from deploy.operator.keys import RequestSource, StopSource
+from deploy.operator.presence import Presence
+from deploy.operator.remote import RemoteButtons
+from deploy.operator.takeover import Consent, Takeover
+from deploy.operator.voice import Voice
+from deploy.options import RunOptions
+from deploy.settings import OperatorSettings
+from hal.contract.backend import Backend
+from hal.wire.backend import WireBackend
+
+
+def people(
+    options: RunOptions,
+    backend: Backend,
+    mode: Callable[[], Mode],
+    settings: OperatorSettings,
+    clock: Clock,
+    voice: Voice,
+    stack: contextlib.ExitStack,
+) -> list[RequestSource]:
+    """What the loop asks every tick, open until `stack` ends. mode: the machine's present state.
+
+    On a real wire somebody has to be there while the robot moves, and to agree before it is taken over.
+    """
+    consent = Consent() if options.on_real_wire else None
+    sources: list[StopSource] = []
+    if options.attended:
+        sources.append(stack.enter_context(Keyboard(say=voice.say, consent=consent)))
+    if options.gamepad is not None:
+        buttons = Buttons(consent, settings.chord_s)
+        gamepad = Gamepad(options.gamepad, buttons, clock, settings.gamepad_silent_s, voice.say)
+        sources.append(stack.enter_context(gamepad))
+    if isinstance(backend, WireBackend):
+        buttons = Buttons(consent, settings.chord_s)
+        sources.append(RemoteButtons(backend.remote, buttons, clock, settings.remote_silent_s))
+    if consent is None:
+        return [*sources]
+    return [Takeover(sources, consent, voice.complain), Presence(sources, mode, clock, settings, voice.complain)]
