@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from core.errors import InputError
+from hal.calibration.consent import uninterrupted
 from hal.can.bus import CanBus
 from hal.can.codec import Feedback, MotorCommand
 from hal.can.robot_file import RobotFile
@@ -83,12 +84,13 @@ class Bench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Damp, switch off, let go."""
-        try:
-            if self._motor.enabled:
-                self._let_go()
-        finally:
-            self._close()
+        """Damp, switch off, let go. A stop signal that comes meanwhile waits: nothing may stay on."""
+        with uninterrupted():
+            try:
+                if self._motor.enabled:
+                    self._let_go()
+            finally:
+                self._close()
 
     def read(self) -> JointReading:
         """Where the joint is, the servo being off. Raises DeviceError where it is silent."""

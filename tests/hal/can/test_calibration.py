@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import InputError
+from hal.calibration import bench as bench_module
 from hal.calibration import jog, scan, zero
 from hal.calibration.bench import Bench
 from hal.can.robot_file import load_robot_file
@@ -169,6 +170,20 @@ def test_a_stop_of_the_program_switches_the_motor_off(tmp_path: Path, number: si
         program.send_signal(number)
         assert program.wait(20) == 0
         assert not line.motors[0].enabled
+
+
+def test_a_stop_that_comes_while_it_switches_off_waits_until_it_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    with served(robot_file(motor(HIP, 1)), "virtual") as (file, bus):
+        before = signal.signal(signal.SIGTERM, lambda *_: seen.append(bus.motors[0].enabled))
+        real = bench_module.switch_off
+        monkeypatch.setattr(bench_module, "switch_off", lambda *a: (os.kill(os.getpid(), signal.SIGTERM), real(*a)))
+        try:
+            with Bench(file, G1, HIP, torque_nm=3.0) as bench:
+                bench.switch_on()
+            assert seen == [False]
+        finally:
+            signal.signal(signal.SIGTERM, before)
 
 
 def test_a_fault_while_moving_ends_it() -> None:

@@ -4,11 +4,13 @@ import multiprocessing
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from core.clock import MonotonicClock
 from hal.contract.types import DeviceError
+from hal.open import open_backend
 from hal.wire import lock
 from hal.wire.backend import WireBackend
 from hal.wire.lock import WireLock, wire_name
@@ -56,3 +58,21 @@ def test_a_backend_holds_its_wires_while_it_is_open(tmp_path: Path, monkeypatch:
         assert first.process_id is not None
     with WireLock(("can0",), tmp_path):
         assert first.process_id is None
+
+
+@pytest.mark.parametrize(
+    ("wire", "endpoints", "names"),
+    [
+        ("can", {}, [f"can:socketcan:can{i}" for i in range(4)]),
+        ("dynamixel", {"left_leg": "/dev/null"}, ["serial:/dev/null"]),
+        ("dds", {"interface": "eth7", "domain": "3"}, ["dds:eth7:domain 3"]),
+    ],
+)
+def test_every_wire_says_what_it_locks_and_an_emulated_one_locks_nothing(
+    wire: str, endpoints: dict[str, str], names: list[str]
+) -> None:
+    opened = open_backend(wire, G1, MonotonicClock(), endpoints=endpoints)
+    assert isinstance(opened, WireBackend) and set(names) <= set(opened._lock._wires)
+    assert wire != "dds" or opened._lock._wires == tuple(names)
+    pretended = SimpleNamespace(endpoints=endpoints)
+    assert open_backend(wire, G1, MonotonicClock(), emulator=pretended)._lock._wires == ()
