@@ -1,6 +1,6 @@
 """The one place where machine, guard, tick, recorder and timer of a run are wired to each other."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from core.clock import Clock
 from deploy.actor_run import ActorRun
@@ -10,6 +10,7 @@ from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.control.timing import PhaseTimer
 from deploy.operator.keys import RequestSource
+from deploy.record.observers import Observers
 from deploy.record.recorder import Recorder
 from deploy.safety.guard import Guard
 from deploy.settings import DeploySettings
@@ -64,8 +65,13 @@ class Cell:
         operators: Sequence[RequestSource] = (),
         observers: Sequence[Observer] = (),
         duration_s: float | None = None,
+        complain: Callable[[str], None] | None = None,
     ) -> Loop:
-        """The loop of this run on an open backend. observers: come after the recorder."""
+        """The loop of this run on an open backend. observers: come after the recorder.
+
+        complain: where an observer that raises is left out and that is said; None where it ends the run.
+        """
+        watching: list[Observer] = [self.recorder, *observers]
         return Loop(
             backend,
             clock,
@@ -73,7 +79,7 @@ class Cell:
             operators=operators,
             plan=plan,
             release=self.release,
-            observers=[self.recorder, *observers],
+            observers=watching if complain is None else [Observers(watching, complain)],
             duration_s=duration_s,
             timer=self.timer,
         )

@@ -1,6 +1,6 @@
 """The command `deploy/run`."""
 
-import sys
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,8 +8,9 @@ from core.arguments import ArgumentParser, count_argument, number_argument, path
 from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
+from deploy.operator.buttons import BUTTON_TABLE
 from deploy.operator.keys import KEY_TABLE, StopSignals
-from deploy.operator.remote import BUTTON_TABLE
+from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.record.report import RunReport, summary
 from deploy.session import run_session
@@ -20,31 +21,39 @@ DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run, print what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    """Run, say what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    voice = Voice()
+    code = _main(arguments, voice)
+    if not voice.close():
+        os._exit(code)  # the interpreter's end would wait for the console
+    return code
+
+
+def _main(arguments: Sequence[str] | None, voice: Voice) -> int:
     try:
         with StopSignals() as signals:
             options = parse(arguments)
-            report = run_session(options, signals)
+            report = run_session(options, signals, voice)
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return BAD_INPUT
     except DeviceError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return DEVICE
     except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
+        voice.complain(f"error: {error}")
         return FAILED
-    written = options.json is None or _write(options.json, report)
-    print("\n".join(summary(report)), flush=True)
+    written = options.json is None or _write(options.json, report, voice)
+    voice.say("\n".join(summary(report)))
     return exit_code(report) or (DONE if written else FAILED)
 
 
-def _write(path: Path, report: RunReport) -> bool:
+def _write(path: Path, report: RunReport, voice: Voice) -> bool:
     """The result as JSON; a disk that refuses it changes nothing in how the run ended."""
     try:
         write_json(path, report.content)
     except OSError as error:
-        print(f"error: {path} could not be written: {error.strerror}", file=sys.stderr)
+        voice.complain(f"error: {path} could not be written: {error.strerror}")
         return False
     return True
 

@@ -19,8 +19,9 @@ from deploy.dry_run_record import RECORDS, DryRunRecord, record_of, require_reco
 from deploy.episode import Start, place_at_reference
 from deploy.operator.console import Console
 from deploy.operator.estop import EStop
-from deploy.operator.keys import Keyboard, RequestSource, StopSignals
-from deploy.operator.remote import Gamepad, RemoteButtons
+from deploy.operator.keys import RequestSource, StopSignals
+from deploy.operator.people import people
+from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.preflight import Check, require, run_preflight, table
 from deploy.record.last_seconds import INCIDENTS, LastSeconds
@@ -58,40 +59,42 @@ class _Setup:
     period_s: float
     clock: Clock
     backend: Backend
+    voice: Voice
 
     @property
     def runs(self) -> list[ActorRun]:
         return [*self.actors, *([] if self.stand is None else [self.stand])]
 
 
-def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
+def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunReport:
     """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
     options.check()
     with contextlib.ExitStack() as stack:
-        setup = _prepare(options, stack)
+        setup = _prepare(options, stack, voice)
         report_only = options.backend == "mujoco" and setup.sim.report_only
         cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
         film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
         stack.enter_context(contextlib.closing(setup.backend))
         _require_dry_runs(options, setup, None)
-        estop = None if setup.settings.estop is None else stack.enter_context(EStop(setup.settings.estop))
+        wanted = setup.settings.estop
+        estop = None if wanted is None else stack.enter_context(EStop(wanted, voice.complain))
         info = setup.backend.open()
         _require_dry_runs(options, setup, info)
         _preflight(options, setup, info, [] if estop is None else [estop.check()])
         if options.dry_run:
             ending = _rehearse(options, setup, info, cell, signals)
         else:
-            ending = _perform(options, setup, cell, film, [signals, *([] if estop is None else [estop])])
+            ending = _perform(options, setup, cell, film, signals, estop)
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         scene = setup.actors[0].scene
         model = compile_model(setup.robot, timestep_s=setup.period_s, scene=scene, meshes=options.meshes)
         if not film.draw(model, lambda: signals.raised):
-            print(f"stopped: {options.video} was not drawn", flush=True)
+            voice.say(f"stopped: {options.video} was not drawn")
     return report
 
 
-def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
+def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> _Setup:
     """Load everything that a user may have got wrong, and start the emulator where one is asked for."""
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
     if options.meshes is not None:
@@ -115,7 +118,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         endpoints=options.endpoints,
         emulator=stack.enter_context(_emulator(options)) if options.emulate else None,
     )
-    return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend)
+    return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend, voice)
 
 
 def _emulator(options: RunOptions) -> Emulator:
@@ -153,7 +156,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Se
     )
     checks += besides
     checks += _verified(options, setup, info)
-    print(f"preflight {info.name}\n{table(checks)}", flush=True)
+    setup.voice.say(f"preflight {info.name}\n{table(checks)}")
     require(checks)
 
 
@@ -171,7 +174,7 @@ def _rehearse(options: RunOptions, setup: _Setup, info: DeviceInfo, cell: Cell, 
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
         if options.on_wall_clock:
-            stack.enter_context(realtime(lambda line: print(line, flush=True)))
+            stack.enter_context(realtime(setup.voice.say))
         stack.enter_context(no_garbage_collection())
         checks = dry_run(
             setup.backend,
@@ -182,14 +185,14 @@ def _rehearse(options: RunOptions, setup: _Setup, info: DeviceInfo, cell: Cell, 
             setup.settings.preflight,
             lambda: signals.raised,
         )
-    print(f"dry run, nothing was written to the joints\n{table(checks)}", flush=True)
+    setup.voice.say(f"dry run, nothing was written to the joints\n{table(checks)}")
     if signals.raised:
         return Ending("operator", wire=_wire_report(setup.backend))
     require(checks, "dry run")
     if options.on_real_wire:
         content = {"backend": options.backend, "checks": {check.what: check.found for check in checks}}
         for _, record in _dry_runs(options, setup, info):
-            print(f"recorded {record.save(RECORDS, content)}", flush=True)
+            setup.voice.say(f"recorded {record.save(RECORDS, content)}")
     return Ending("plan", wire=_wire_report(setup.backend))
 
 
@@ -198,23 +201,25 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
 
 
 def _perform(
-    options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", stops: Sequence[RequestSource]
+    options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals, estop: EStop | None
 ) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
-    observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
+    observers: list[Observer] = [Console(setup.voice, refusals=options.attended), *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
         observers += [*_records(options, setup, stack), *_status(options, setup, stack)]
-        operators: list[RequestSource] = [*stops]
+        operators: list[RequestSource] = [signals, *([] if estop is None else [estop])]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
 
             window = stack.enter_context(ViewerObserver(setup.backend, cell.recorder))
             observers.append(window)
             operators.append(window)
-        operators += _operators(options, setup.backend, stack)
+        shared = (setup.settings.operator, setup.clock, setup.voice)
+        buttons = [] if estop is None else [estop]
+        operators += people(options, setup.backend, lambda: cell.machine.mode, *shared, stack, buttons)
         if options.on_wall_clock:
-            stack.enter_context(realtime(lambda line: print(line, flush=True)))
+            stack.enter_context(realtime(setup.voice.say))
         stack.enter_context(no_garbage_collection())
         loop = cell.loop(
             setup.backend,
@@ -223,6 +228,7 @@ def _perform(
             operators=operators,
             observers=observers,
             duration_s=options.duration_s,
+            complain=setup.voice.complain,
         )
         loop.run()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
@@ -235,12 +241,17 @@ def _records(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) ->
     about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
     if options.log is not None:
         may_wait = not options.on_wall_clock
-        log = stack.enter_context(McapLog(options.log, setup.robot, about, messages, may_wait=may_wait))
-        print(f"log {log.path}", flush=True)
+        complain = setup.voice.complain
+        log = McapLog(options.log, setup.robot, about, messages, may_wait=may_wait, complain=complain)
+        stack.enter_context(log)
+        setup.voice.say(f"log {log.path}")
         return [log]
     if not options.on_wall_clock:
         return []
-    kept = LastSeconds(INCIDENTS, setup.robot, about, messages, settings=setup.settings.record, period_s=setup.period_s)
+    kept = LastSeconds(
+        INCIDENTS, setup.robot, about, messages,
+        settings=setup.settings.record, period_s=setup.period_s, say=setup.voice.complain,
+    )  # fmt: skip
     return [stack.enter_context(kept)]
 
 
@@ -251,23 +262,11 @@ def _status(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> 
     observers: list[Observer] = [status]
     if options.status_port is not None:
         server = stack.enter_context(StatusServer(status, options.status_port))
-        print(f"status {server.address}", flush=True)
+        setup.voice.say(f"status {server.address}")
     every = round(setup.settings.record.status_line_s / setup.period_s)
     if every and options.attended and sys.stdout.isatty():
-        observers.append(StatusLine(status, every, print))
+        observers.append(StatusLine(status, every, setup.voice.say))
     return observers
-
-
-def _operators(options: RunOptions, backend: Backend, stack: contextlib.ExitStack) -> list[RequestSource]:
-    """The people at keyboard, gamepad and remote."""
-    operators: list[RequestSource] = []
-    if options.attended:
-        operators.append(stack.enter_context(Keyboard()))
-    if options.gamepad is not None:
-        operators.append(stack.enter_context(Gamepad(options.gamepad)))
-    if isinstance(backend, WireBackend):
-        operators.append(RemoteButtons(backend.remote))
-    return operators
 
 
 def _begin(options: RunOptions, setup: _Setup, cell: Cell) -> Plan | None:

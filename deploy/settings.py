@@ -214,6 +214,17 @@ class RecordSettings(_Checked):
 
 
 @dataclass(frozen=True)
+class OperatorSettings(_Checked):
+    """When an operator is there, and what happens when none is."""
+
+    chord_s: float
+    remote_silent_s: float
+    gamepad_silent_s: float
+    hold_after_s: float
+    damp_after_s: float
+
+
+@dataclass(frozen=True)
 class DeploySettings(_Checked):
     """Everything in one file of configs/deploy."""
 
@@ -226,6 +237,7 @@ class DeploySettings(_Checked):
     preflight: PreflightSettings
     record: RecordSettings
     estop: EStopSettings | None
+    operator: OperatorSettings
 
 
 def load_settings(name_or_file: str | Path = "default") -> DeploySettings:

@@ -24,7 +24,7 @@ from world.scene import FLAT, Scene
 # name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
 # `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
 # it is unusable) and opens nothing; endpoints say where to connect instead: what `Emulator.endpoints` says, and for
-# dds `interface` and `domain`. A factory may have `link_timeout_s`.
+# dds `interface` and `domain`. A factory may have `link_timeout_s` and `wires`, the names of what it locks.
 WIRES = {
     "dds": ("hal.dds.driver", "dds"),
     "can": ("hal.can.driver", "can_g1"),
@@ -90,7 +90,7 @@ def _open_wire(
     times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
     if emulator is not None:
         return EmulatedWireBackend(name, robot, clock, factory, emulator, **times)
-    return WireBackend(name, robot, clock, factory, **times)
+    return WireBackend(name, robot, clock, factory, wires=getattr(factory, "wires", ()), **times)
 
 
 def wire_config(name: str, config: str | Path | None = None) -> Path:

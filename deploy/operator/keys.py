@@ -1,12 +1,7 @@
-"""Where requests come from: the keyboard, a pipe, signals."""
+"""Where requests come from: what every source offers, the table of keys, and signals."""
 
-import os
-import select
 import signal
-import sys
-import termios
-import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
@@ -37,6 +32,22 @@ class RequestSource(Protocol):
         ...
 
 
+class StopSource(RequestSource, Protocol):
+    """Somebody who could stop the robot. missing: what must be done with it before the robot may stand up, or None."""
+
+    name: str
+
+    @property
+    def live(self) -> bool:
+        """Whether a stop would be heard now."""
+        ...
+
+    @property
+    def missing(self) -> str | None:
+        """See the class."""
+        ...
+
+
 class StopSignals:
     """SIGINT, SIGTERM and SIGHUP become a request to quit, also where the process inherited them ignored.
 
@@ -63,56 +74,3 @@ class StopSignals:
 
     def _raise(self, number: int, frame: FrameType | None) -> None:
         self.raised = True
-
-
-class Keyboard:
-    """Single keys from standard input: a terminal, where no line needs to be ended, or anything that can be read.
-
-    A context manager; leaving it restores the terminal. The end of a pipe ends nothing but the keys.
-    """
-
-    def __init__(self, fd: int | None = None, say: Callable[[str], None] = print) -> None:
-        self._fd = _standard_input() if fd is None else fd
-        self._say = say
-        self._before: list[Any] | None = None
-
-    def __enter__(self) -> Self:
-        if self._fd is not None and os.isatty(self._fd) and os.tcgetpgrp(self._fd) == os.getpgrp():
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-        self._say(KEY_TABLE)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._fd is not None and self._before is not None:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
-
-    def poll(self) -> Sequence[Request]:
-        """See RequestSource."""
-        requests = []
-        for key in self._read():
-            if key in KEYS:
-                requests.append(KEYS[key])
-            elif not key.isspace():
-                self._say(f"no such key: {key!r}; {KEY_TABLE}")
-        return requests
-
-    def _read(self) -> str:
-        if self._fd is None or not select.select([self._fd], [], [], 0.0)[0]:
-            return ""
-        try:
-            data = os.read(self._fd, 1024)
-        except OSError:
-            data = b""
-        if not data:
-            self._fd = None
-        return data.decode("utf-8", errors="replace")
-
-
-def _standard_input() -> int | None:
-    try:
-        return None if sys.stdin is None or sys.stdin.closed else sys.stdin.fileno()
-    except (OSError, ValueError):
-        return None

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from core.errors import InputError
+from hal.calibration.consent import uninterrupted
 from hal.can.bus import CanBus
 from hal.can.codec import MotorCommand
 from hal.can.messages import Feedback
@@ -17,6 +18,7 @@ from hal.can.setup import commanded_by_others, prepare, switch_off, switch_on
 from hal.can.talk import ask
 from hal.can.zero_mark import leave_mark
 from hal.contract.types import DeviceError
+from hal.wire.lock import WireLock
 from robot.robot import Robot
 from world.actuation import JointCommand
 
@@ -61,6 +63,7 @@ class Bench:
         self._kd = min(float(robot.damping_kd[row]), self._kp)
         self._tick = 0
         self._start_s = 0.0
+        self._lock = WireLock((self._bus.entry.wire,))
 
     @property
     def has_watchdog(self) -> bool:
@@ -69,25 +72,27 @@ class Bench:
 
     def __enter__(self) -> Self:
         """Connect and check. Energises nothing."""
+        self._lock.__enter__()
         try:
             self._bus.link.open()
             if commanded_by_others(self._bus):
                 raise DeviceError(f"{self._motor.name}: another controller commands it")
             prepare(self._bus, self._motor, self._file.watchdog_s, calibrated=self._calibrated)
         except BaseException:
-            self._bus.close()
+            self._close()
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Damp, switch off, let go."""
-        try:
-            if self._motor.enabled:
-                self._let_go()
-        finally:
-            self._bus.close()
+        """Damp, switch off, let go. A stop signal that comes meanwhile waits: nothing may stay on."""
+        with uninterrupted():
+            try:
+                if self._motor.enabled:
+                    self._let_go()
+            finally:
+                self._close()
 
     def read(self) -> JointReading:
         """Where the joint is, the servo being off. Raises DeviceError where it is silent."""
@@ -138,6 +143,10 @@ class Bench:
     def period_s(self) -> float:
         """One round."""
         return self._bus.period_s
+
+    def _close(self) -> None:
+        self._bus.close()
+        self._lock.release()
 
     def _let_go(self) -> None:
         try:

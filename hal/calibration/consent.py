@@ -1,9 +1,11 @@
 """What the operator must say before anything moves, and how the commands end."""
 
+import contextlib
 import signal
 import sys
+import threading
 from argparse import ArgumentParser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 from core.errors import InputError
@@ -11,6 +13,7 @@ from hal.can.robot_file import DEFAULT_CONFIG, RobotFile, load_robot_file
 from hal.contract.types import DeviceError
 from robot.robot import Robot, load_robot
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DONE, FAILED, BAD_INPUT, DEVICE = 0, 1, 2, 4
 Ask = Callable[[str], str]
 
@@ -52,22 +55,48 @@ def load_wires(config: str, elsewhere: list[str]) -> tuple[RobotFile, Robot]:
 
 
 def run_command(action: Callable[[], int]) -> int:
-    """Run a command's body; its errors become one line and an exit code. SIGTERM ends it like Ctrl-C."""
-    before = signal.signal(signal.SIGTERM, _interrupt)
+    """Run a command's body; its errors become one line and an exit code. Every stop signal ends it like Ctrl-C.
+
+    What is on its way out is not interrupted a second time, and a console that is gone keeps nobody.
+    """
+    before = {number: signal.signal(number, _interrupt) for number in STOP_SIGNALS}
     try:
         return action()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
+        return _end(f"error: {error}", BAD_INPUT)
     except (DeviceError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return DEVICE
+        return _end(f"error: {error}", DEVICE)
     except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return DONE
+        return _end("stopped", DONE)
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Within, stop signals wait until the end. Only the main thread hears them, so it alone has to hold them back."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+def _end(line: str, code: int) -> int:
+    with contextlib.suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
+    return code
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
+    for other in STOP_SIGNALS:
+        signal.signal(other, signal.SIG_IGN)
     raise KeyboardInterrupt

@@ -134,6 +134,7 @@ class Codec(ABC):
     cyclic_period_s: ClassVar[float | None] = None
     watchdog_fault: ClassVar[str | None] = None
     watchdog_damps: ClassVar[bool] = False
+    probe_stops: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -236,12 +237,20 @@ class Codec(ABC):
     @classmethod
     @abstractmethod
     def probe(cls, motor_id: int, host_id: int) -> tuple[Frame, ...]:
-        """Ask whether a motor listens on this id. Energises nothing and changes no setting."""
+        """Ask whether a motor listens on this id. Energises nothing and changes no setting.
+
+        `probe_stops`: the question takes the drive away from a motor that has it.
+        """
 
     @classmethod
     @abstractmethod
     def recognise(cls, frame: Frame) -> Found | None:
         """The motor that a frame reveals, for a scan: answers to `probe` and self-announcements."""
+
+    @classmethod
+    def speaks_unasked(cls, frame: Frame) -> bool:
+        """Whether motors of this protocol may send the frame though nobody commands them."""
+        return False
 
     # The motor's side.
 

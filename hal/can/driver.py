@@ -26,6 +26,11 @@ class CanFactory:
 
     file: RobotFile
 
+    @property
+    def wires(self) -> tuple[str, ...]:
+        """Buses that have motors."""
+        return tuple(bus.wire for bus in self.file.buses if self.file.motors_of(bus.name))
+
     def __call__(self, robot: Robot) -> "CanDriver":
         """See DriverFactory. Raises InputError where the file does not fit the robot."""
         return CanDriver(robot, self.file)

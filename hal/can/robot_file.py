@@ -20,6 +20,7 @@ from hal.can.endpoints import EMULATED_AS, ENDPOINT, endpoint_arguments
 from hal.can.frame import IdFilter
 from hal.contract.joint_map import JointMap
 from hal.imu.options import ImuOptions
+from hal.wire.lock import wire_name
 from robot.robot import Robot
 
 IMU = "imu"
@@ -62,6 +63,14 @@ class BusEntry:
         if self.fd:
             arguments |= {"fd": True, "data_bitrate": self.data_bitrate}
         return arguments | self.options
+
+    @property
+    def wire(self) -> str:
+        """See wire_name."""
+        arguments = self.arguments
+        return wire_name(
+            "can", *(arguments[key] for key in ("interface", "host", "channel", "port") if key in arguments)
+        )
 
 
 @dataclass(frozen=True)

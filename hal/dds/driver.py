@@ -20,6 +20,7 @@ from hal.dds.tick_clock import TickClock
 from hal.dds.types import LowCmd_
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
+from hal.wire.lock import wire_name
 from hal.wire.outbox import Kind, Outbox
 from robot.robot import Robot
 
@@ -182,6 +183,11 @@ class DdsFactory:
     """Builds the driver in the wire process. Raises InputError where the robot does not fit a G1's motors."""
 
     options: DdsOptions
+
+    @property
+    def wires(self) -> tuple[str, ...]:
+        """Its network and domain."""
+        return (wire_name("dds", self.options.interface, f"domain {self.options.domain}"),)
 
     @property
     def link_timeout_s(self) -> float:

@@ -19,6 +19,7 @@ from hal.imu.reader import ImuReader
 from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
 from hal.wire.driver import Cycle
+from hal.wire.lock import wire_name
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
 
@@ -30,6 +31,11 @@ class DynamixelFactory:
     """Builds the driver where the wire is owned."""
 
     options: DynamixelOptions
+
+    @property
+    def wires(self) -> tuple[str, ...]:
+        """Its serial ports."""
+        return tuple(wire_name("serial", port.device) for port in self.options.ports)
 
     def __call__(self, robot: Robot) -> "DynamixelDriver":
         """See DriverFactory."""

@@ -1,7 +1,9 @@
 """Which Dynamixel servos answer on a port, at which baud rate; with the maker's own library."""
 
 import argparse
+import contextlib
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,12 +13,14 @@ from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import known_models
-from hal.dynamixel.port import latency_timer_ms
+from hal.dynamixel.port import ServoPort, latency_timer_ms
+from hal.wire.lock import WireLock, wire_name
 
 DONE, NO_DEVICE = 0, 4
 PROTOCOL = 2.0
 READ_TIMEOUT_S = 0.001
 TRIES = 20
+LISTEN_S, LISTEN_BAUD = 0.3, 1_000_000
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,10 @@ class Answered:
 
 
 def scan(device: str, bauds: Sequence[int]) -> list[Answered]:
-    """Ping everybody at each baud rate; about a second each. Raises DeviceError where the port cannot be used."""
+    """Listen, then ping everybody at each baud rate; about a second each.
+
+    Raises DeviceError where the port cannot be used, or somebody commands its servos.
+    """
     names = {model.number: model.name for model in known_models().values()}
     found = []
     with _opened(device) as port:
@@ -79,15 +86,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _opened(device: str) -> Iterator[PortHandler]:
+    """The port, for this program alone, and only where nobody speaks on it."""
     port = PortHandler(device)
-    try:
-        port.openPort()
-    except OSError as error:
-        raise DeviceError(f"cannot open {device}: {error}") from error
-    try:
-        yield port
-    finally:
-        port.closePort()
+    with WireLock((wire_name("serial", device),)), contextlib.closing(ServoPort(device, LISTEN_BAUD)) as quiet:
+        quiet.open()
+        if heard := quiet.receive(time.monotonic() + LISTEN_S):
+            raise DeviceError(
+                f"{device}: {len(heard)} bytes came though nothing was asked: somebody commands its servos"
+            )
+        quiet.close()
+        try:
+            port.openPort()
+        except OSError as error:
+            raise DeviceError(f"cannot open {device}: {error}") from error
+        try:
+            yield port
+        finally:
+            port.closePort()
 
 
 def _set_baud(port: PortHandler, baud: int) -> None:

@@ -44,7 +44,7 @@ class SocketcandServer:
         """Frames that clients have sent. Does not wait. ready: those of `sockets` from which one can read."""
         frames: list[Frame] = []
         for connection in list(self._clients):
-            if connection in ready:
+            if connection in ready and connection in self._clients:  # an earlier one may have lost it
                 self._read(connection, frames)
         if self._listener in ready:
             self._accept()

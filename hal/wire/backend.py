@@ -5,6 +5,7 @@ import pickle
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -17,6 +18,7 @@ from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost, NoState, RobotState
 from hal.wire.boards import Snapshot, StateBoard, is_complete
 from hal.wire.driver import DriverFactory
+from hal.wire.lock import WireLock
 from hal.wire.outbox import CommandBoard, Kind
 from hal.wire.process import WireSetup
 from hal.wire.ring import SharedMemory
@@ -34,10 +36,10 @@ ERRORS = {error.__name__: error for error in (DeviceError, DeviceFault, LinkLost
 class WireBackend(ClosesByDamping):
     """Devices on wires, driven from a process of their own.
 
-    link_timeout_s: when every joint and the IMU have been silent for longer, the link counts as lost. The clock must
-    be the machine's monotonic one, which both processes share. Damping frame: the driver's, for kp = 0 and the
-    robot's damping kd. Before the first `write` or `damp` nothing is sent that drives a joint; a backend that was
-    only read from ends without damping.
+    link_timeout_s: when every joint and the IMU have been silent for longer, the link counts as lost. wires: locked
+    while it is open. The clock must be the machine's monotonic one, which both processes share. Damping frame: the
+    driver's, for kp = 0 and the robot's damping kd. Before the first `write` or `damp` nothing is sent that drives a
+    joint; a backend that was only read from ends without damping.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class WireBackend(ClosesByDamping):
         *,
         control_period_s: float = 0.02,
         link_timeout_s: float = LINK_TIMEOUT_S,
+        wires: Sequence[str] = (),
     ) -> None:
         super().__init__(clock, control_period_s)
         if not 0 < link_timeout_s < math.inf:
@@ -60,6 +63,7 @@ class WireBackend(ClosesByDamping):
         self._dead_man = DeadMan(control_period_s)
         self._process: subprocess.Popen[bytes] | None = None
         self._commanded = False
+        self._lock = WireLock(wires)
 
     @property
     def process_id(self) -> int | None:
@@ -69,6 +73,7 @@ class WireBackend(ClosesByDamping):
     def open(self) -> DeviceInfo:
         """See Backend. Starts the wire process, which finds and checks the devices."""
         setup = pickle.dumps(self._setup)
+        self._lock.__enter__()
         joints = self.robot.num_joints
         memory = SharedMemory.create(CommandBoard.size(joints) + StateBoard.size(joints))
         commands = CommandBoard.size(joints)
@@ -176,13 +181,14 @@ class WireBackend(ClosesByDamping):
             process.kill()
             process.wait()
         self._connection.close()
+        self._lock.release()
 
     def _start(self, memory: SharedMemory, setup: bytes) -> None:
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", MAIN, str(memory.fd), str(memory.size), str(there.fileno())],
-                pass_fds=(memory.fd, there.fileno()),
+                pass_fds=(memory.fd, there.fileno(), *self._lock.fds),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,

@@ -8,6 +8,7 @@ from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.control.states import Request
 from deploy.episode import Start
+from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.session import run_session
 from tests.deploy.toys import write_linear_actor, write_standing_actor
@@ -32,6 +33,9 @@ class SwitchesAtTick:
 class NoKeyboard(contextlib.nullcontext):
     """Nobody types."""
 
+    def __init__(self, **options):
+        super().__init__()
+
     def __enter__(self):
         return self
 
@@ -41,11 +45,11 @@ class NoKeyboard(contextlib.nullcontext):
 
 def test_the_report_is_about_the_actor_that_performed_not_the_one_selected_meanwhile(tmp_path, monkeypatch):
     policies = [write_linear_actor(tmp_path / f"{name}.onnx", name=name) for name in ("first", "second")]
-    monkeypatch.setattr("deploy.session.Keyboard", NoKeyboard)
+    monkeypatch.setattr("deploy.operator.people.Keyboard", NoKeyboard)
     monkeypatch.setattr("deploy.session.MonotonicClock", SimulatedClock)
     monkeypatch.setattr("deploy.session.realtime", lambda say: contextlib.nullcontext())
     options = RunOptions("mock", tuple(map(str, policies)), start=Start.REFERENCE, interactive=True)
-    report = run_session(options, SwitchesAtTick(10))
+    report = run_session(options, SwitchesAtTick(10), Voice())
     assert report.outcome == "completed" and report.content["metrics"]["empjpe_mrad"] is not None
     assert report.content["motion"] == "first"
 
@@ -56,7 +60,7 @@ def test_a_simulated_robot_stands_in_the_scene_of_its_actors_motion(tmp_path, st
     stand, metrics = str(write_standing_actor(tmp_path / "stand.onnx")), []
     for scene in (FLAT, TABLE):
         policy = str(write_standing_actor(tmp_path / "toy.onnx", scene=scene))
-        report = run_session(RunOptions("mujoco", (policy,), start=start, stand=stand), SwitchesAtTick(-1))
+        report = run_session(RunOptions("mujoco", (policy,), start=start, stand=stand), SwitchesAtTick(-1), Voice())
         assert report.outcome == "completed"
         assert report.content["metrics"]["contact_error"]["mean"] == 0.0
         metrics.append([report.content["metrics"][name]["mean"] for name in ("eg_mpbpe_mm", "empjpe_mrad")])
@@ -68,4 +72,4 @@ def test_motions_of_different_scenes_are_refused(tmp_path):
     policies = [str(write_linear_actor(tmp_path / f"{n}.onnx", name=n, scene=scene)) for n, scene in scenes.items()]
     options = RunOptions("mujoco", tuple(policies), start=Start.REFERENCE, interactive=True)
     with pytest.raises(InputError, match="motions of different scenes, got high, low, expected one scene"):
-        run_session(options, SwitchesAtTick(-1))
+        run_session(options, SwitchesAtTick(-1), Voice())

@@ -1,6 +1,11 @@
 """deploy/run on a wire: who may start, what a dry run writes, what is recorded. The wire's driver is a fake."""
 
 import json
+import math
+import os
+import pty
+import termios
+import threading
 import time
 from dataclasses import fields, replace
 
@@ -17,6 +22,7 @@ from deploy.dry_run_record import DAY_S, DryRunRecord, require_records
 from deploy.options import RunOptions
 from deploy.preflight import Check
 from hal.verification.record import VerifiedRecord
+from hal.wire.backend import WireBackend
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import KNEE_SERIAL, read_journal
 
@@ -111,12 +117,71 @@ def test_a_real_wire_waits_for_its_operator(rig, capsys):
     assert "TRACK" not in events(rig)
 
 
-def test_the_remote_stops_it(rig, capsys, monkeypatch):
+def test_a_remote_without_consent_touches_nothing(rig, capsys, monkeypatch):
+    """B is held: the robot may stand by its own controller, and would fall."""
     real = hal.open.wire_factory
     monkeypatch.setattr(hal.open, "wire_factory", lambda name, config, endpoints: real(name, config, {"B": ""}))
     assert rig("--duration", 0.5, "--first-run-ok") == 0
-    assert "damping" in capsys.readouterr().out.splitlines()
-    assert "DAMP" in events(rig)
+    assert set(events(rig)) == {"identify", "close"}
+    assert capsys.readouterr().err.count("damp refused: the robot may stand by its own controller") == 1
+
+
+class Typist(threading.Thread):
+    """Somebody at the terminal, who types the next text when the device's journal shows what it waits for."""
+
+    def __init__(self, rig, *steps):
+        super().__init__(daemon=True)
+        self.master, self.slave = pty.openpty()
+        self.rig, self.steps, self.seen = rig, steps, []
+
+    def run(self):
+        while termios.tcgetattr(self.slave)[3] & termios.ICANON:
+            time.sleep(0.02)
+        time.sleep(0.5)  # the loop begins: keys that wait together would be taken for pasted ones
+        for text, awaited in self.steps:
+            for key in [text] if len(text) > 1 and text != "take\n" else text:
+                os.write(self.master, key.encode())
+                time.sleep(0.06)
+            end_s = time.monotonic() + 10.0
+            while awaited and awaited not in events(self.rig) and time.monotonic() < end_s:
+                time.sleep(0.02)
+            self.seen.append(set(events(self.rig)) - {"identify", "close"})
+
+
+def test_a_robot_is_taken_by_a_typed_word_and_by_nothing_less(rig, capsys, monkeypatch):
+    typist = Typist(
+        rig,
+        *((text, None) for text in ("s", "d", " ", "ls -la", "start the motion", "\x1b[8;24;80t", "s", "no\n", "s")),
+        ("take\n", None),
+        ("\x1b[8;24;80t", None),
+        ("s", "TRACK"),
+        ("q", None),
+    )
+    monkeypatch.setattr("deploy.operator.keyboard._standard_input", lambda: typist.slave)
+    typist.start()
+    assert rig("--first-run-ok") == 0
+    typist.join(5.0)
+    assert typist.seen[:-2] == [set()] * 11 and {"DAMP", "TRACK"} <= typist.seen[-2]
+    assert "STAND_UP" in capsys.readouterr().out
+
+
+def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch):
+    """The terminal closes while the robot stands up; the device sees damping a second later, and not before."""
+    settings = yaml.safe_load((rig.folder / "patient.yaml").read_text())
+    settings["operator"] |= {"hold_after_s": 0.2, "damp_after_s": 1.0}
+    (rig.folder / "patient.yaml").write_text(yaml.safe_dump(settings))
+    monkeypatch.setattr(WireBackend, "remote", lambda backend: ((), math.inf))
+    typist = Typist(rig, ("s", None), ("take\n", None), ("s", "TRACK"))
+    monkeypatch.setattr("deploy.operator.keyboard._standard_input", lambda: typist.slave)
+    typist.start()
+    closed = threading.Thread(target=lambda: (typist.join(), os.close(typist.master)))
+    closed.start()
+    assert rig("--first-run-ok", "--duration", 6.0) == 0
+    error = capsys.readouterr().err
+    assert "operator lost: no live stop source (had: keyboard, remote)" in error
+    rows = [row for row in read_journal(rig.folder / "journal") if row[1] in ("TRACK", "DAMP")]
+    driven = [row[0] for row in rows if row[1] == "TRACK"]
+    assert rows[-1][1] == "DAMP" and 0.8 < driven[-1] - driven[0] < 3.0
 
 
 def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monkeypatch):

@@ -65,6 +65,7 @@ class CubemarsCodec(Codec):
     has_output_encoder: bool = False
 
     name = "cubemars"
+    probe_stops = True
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:

@@ -38,11 +38,13 @@ LIMIT_OPTIONS = ("vel_limit_endpoint", "current_limit_endpoint", "torque_constan
 
 VERSION, HEARTBEAT, GET_ERROR, SDO_REQUEST, SDO_ANSWER, ADDRESS, AXIS_STATE = 0x00, 0x01, 0x03, 0x04, 0x05, 0x06, 0x07
 ESTIMATES, CONTROLLER_MODE, INPUT_POS = 0x09, 0x0B, 0x0C
+CURRENTS, BUS_VOLTAGE, POWERS = 0x14, 0x17, 0x1D
 TEMPERATURES, CLEAR_ERRORS, SET_POSITION, POS_GAIN, VEL_GAINS, TORQUES = 0x15, 0x18, 0x19, 0x1A, 0x1B, 0x1C
 
 IDLE, CLOSED_LOOP = 1, 8
 POSITION_CONTROL, PASSTHROUGH = 3, 1
 SDO_READ, SDO_WRITE = 0, 1
+CYCLIC = (HEARTBEAT, GET_ERROR, ESTIMATES, CURRENTS, TEMPERATURES, BUS_VOLTAGE, TORQUES, POWERS)
 NODE_MAX = 0x3E
 TURN_RAD = 2 * math.pi
 FEED_FORWARD_STEP = 0.001
@@ -239,6 +241,11 @@ class OdriveCodec(Codec):
         if what == HEARTBEAT and len(frame.data) == 8 and frame.data[4] <= 14:
             return Found(cls.name, node, {"axis_state": str(frame.data[4])})
         return None
+
+    @classmethod
+    def speaks_unasked(cls, frame: Frame) -> bool:
+        """See Codec. Its cyclic messages."""
+        return not (frame.extended or frame.remote) and frame.arbitration_id & 0x1F in CYCLIC
 
     def parse_command(self, frame: Frame, held: MotorCommand) -> DeviceCommand | None:
         """See Codec. Gains that come apart change `held` one by one; non-finite values are ignored."""

@@ -41,6 +41,7 @@ FIRMWARE = "firmware"
 RUN_MODE = "run_mode"
 
 PROBE, CONTROL, STATE, ENABLE, STOP, ZERO, READ, WRITE, FAULT = 0, 1, 2, 3, 4, 6, 17, 18, 21
+ACTIVE_STATE = 24
 HOST_ID = 0xFD
 PROBE_ANSWER_ID = 0xFE
 RUNNING = 2
@@ -249,6 +250,11 @@ class RobstrideCodec(Codec):
         if not _is_ours(frame) or frame.arbitration_id & 0xFF != PROBE_ANSWER_ID or not 1 <= sender <= 0x7F:
             return None
         return Found(cls.name, sender, {"serial": frame.data.hex()})
+
+    @classmethod
+    def speaks_unasked(cls, frame: Frame) -> bool:
+        """See Codec. Faults, and states where active reporting is on."""
+        return frame.extended and frame.arbitration_id >> 24 in (FAULT, ACTIVE_STATE)
 
     def parse_command(self, frame: Frame, held: MotorCommand) -> DeviceCommand | None:
         """See Codec."""

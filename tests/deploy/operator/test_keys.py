@@ -3,15 +3,19 @@
 import contextlib
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
 import termios
+import time
 
 import pytest
 
 from deploy.control.states import Request
-from deploy.operator.keys import KEYS, Keyboard, StopSignals
+from deploy.operator.keyboard import Keyboard
+from deploy.operator.keys import KEYS, StopSignals
+from deploy.operator.takeover import Consent
 
 
 @pytest.fixture
@@ -50,8 +54,108 @@ def test_the_end_of_a_pipe_ends_nothing(pipe):
             assert list(keyboard.poll()) == []
 
 
+@pytest.fixture
+def terminal():
+    """A terminal of nobody, in which every write is read alone."""
+    master, slave = pty.openpty()
+    yield master, slave
+    for fd in (master, slave):
+        with contextlib.suppress(OSError):
+            os.close(fd)
+
+
+def typed(keyboard, master, *pieces):
+    """What comes of pieces that arrive one after another."""
+    requests = []
+    for piece in pieces:
+        os.write(master, piece.encode())
+        end_s = time.monotonic() + 1.0
+        while not select.select([keyboard._fd], [], [], 0.01)[0] and time.monotonic() < end_s:
+            pass
+        requests += keyboard.poll()
+    return requests
+
+
+def test_a_robot_is_taken_over_by_a_typed_word(terminal):
+    master, slave = terminal
+    consent, said = Consent(), []
+    with Keyboard(slave, said.append, consent) as keyboard:
+        assert typed(keyboard, master, "s", *"tack", "\n", "d", *"tak", " ", "q") == [Request.QUIT]
+        assert not consent.given and any("got 'tack', expected take" in line for line in said)
+        assert typed(keyboard, master, "s", *"tajke", "\x7f", "\x7f", "\x7f", *"ke", "\r") == [] and consent.given
+        assert typed(keyboard, master, "s", "t", "d", " ") == [
+            Request.STAND, Request.START, Request.DAMP, Request.DAMP
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize("pasted", ["start the motion", "ls -la", "\x1b[8;24;80t", "\x1b", "take\n", "st", "é", "a\n"])
+def test_what_comes_at_once_or_escapes_does_nothing_but_stop(terminal, pasted):
+    master, slave = terminal
+    consent = Consent(given=True)
+    stops = [Request.QUIT if key == "q" else Request.DAMP for key in pasted if key in "dq "]
+    with Keyboard(slave, lambda line: None, consent) as keyboard:
+        assert typed(keyboard, master, pasted) == stops
+        assert typed(keyboard, master, "t") == [Request.START]
+
+
+def test_a_pasted_word_and_a_pipe_are_no_consent(terminal, pipe):
+    master, slave = terminal
+    consent, said = Consent(), []
+    with Keyboard(slave, said.append, consent) as keyboard:
+        assert typed(keyboard, master, "s", "take\n", "take", "\n") == []
+    read, write = pipe
+    with Keyboard(read, said.append, consent) as keyboard:
+        assert typed(keyboard, write, "s", *"take", "\n") == [Request.START, Request.ACKNOWLEDGE]
+    assert not consent.given and any("this is no terminal" in line for line in said)
+
+
+def test_control_s_and_control_z_reach_us_as_keys_that_do_nothing(terminal):
+    master, slave = terminal
+    with Keyboard(slave, lambda line: None) as keyboard:
+        assert typed(keyboard, master, "\x13", "\x1a", "t") == [Request.START]
+
+
+def test_a_terminal_that_goes_away_is_no_live_stop_source(terminal):
+    master, slave = terminal
+    said = []
+    with Keyboard(slave, said.append) as keyboard:
+        assert keyboard.live
+        os.close(master)
+        assert list(keyboard.poll()) == [] and not keyboard.live
+    with Keyboard(slave, said.append) as keyboard:
+        assert list(keyboard.poll()) == [] and not keyboard.live
+
+
+NOT_CONTROLLING = """
+import os, sys
+from deploy.operator.keyboard import Keyboard
+with Keyboard(0) as keyboard:
+    print("live", keyboard.live, flush=True)
+    while not (keys := keyboard.poll()):
+        pass
+    print(keys[0].value, flush=True)
+"""
+
+
+def test_a_terminal_that_is_not_the_controlling_one_gives_keys(terminal):
+    master, slave = terminal
+    child = subprocess.Popen(
+        [sys.executable, "-c", NOT_CONTROLLING],
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    while child.stdout.readline() not in ("live True\n", ""):
+        continue
+    os.write(master, b"q")
+    out, error = child.communicate(timeout=20)
+    assert (child.returncode, out, error) == (0, "quit\n", "")
+
+
 def test_no_standard_input_at_all():
-    code = "from deploy.operator.keys import Keyboard\nwith Keyboard() as k: print(k.poll())"
+    code = "from deploy.operator.keyboard import Keyboard\nwith Keyboard() as k: print(k.poll())"
     command = f"{sys.executable} -c '{code}' <&-"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=30)
     assert done.returncode == 0 and done.stdout.endswith("[]\n")
@@ -59,7 +163,7 @@ def test_no_standard_input_at_all():
 
 CHILD = """
 import sys, time, termios
-from deploy.operator.keys import Keyboard
+from deploy.operator.keyboard import Keyboard
 with Keyboard() as keyboard:
     print("ready", flush=True)
     while not (keys := keyboard.poll()):
@@ -87,8 +191,9 @@ def test_single_keys_on_a_terminal_which_is_restored_whatever_happens(error):
             pass
     os.waitpid(pid, 0)
     after = termios.tcgetattr(terminal)  # of the terminal, which outlives the child
-    assert not during[3] & termios.ICANON and during[3] & termios.ISIG
+    assert not during[3] & termios.ICANON and during[3] & termios.ISIG and not during[0] & termios.IXON
     assert before[3] == after[3] and after[3] & termios.ICANON
+    assert before[0] == after[0] and after[0] & termios.IXON
 
 
 IGNORED = """

@@ -1,117 +1,102 @@
-"""Requests from the robot's remote and from a gamepad."""
-
-import os
-import struct
+"""Requests from the robot's remote."""
 
 import pytest
 
-from core.errors import InputError
+from core.clock import SimulatedClock
 from deploy.control.states import ALLOWED, Mode, Request
-from deploy.operator.remote import Gamepad, RemoteButtons
+from deploy.operator.buttons import Buttons
+from deploy.operator.remote import RemoteButtons
+from deploy.operator.takeover import Consent
 
 
-class Heard:
-    def __init__(self):
-        self.buttons, self.age_s = (), 0.0
+class Remote:
+    """The remote in a test's hand, heard every 20 ms."""
 
-    def __call__(self):
-        return self.buttons, self.age_s
+    def __init__(self, consent=None):
+        self.clock, self.buttons, self.age_s = SimulatedClock(3.0), (), 0.0
+        self.source = RemoteButtons(lambda: (self.buttons, self.age_s), Buttons(consent, 1.0), self.clock, 0.5)
+
+    def press(self, *buttons, ticks=1):
+        self.buttons, asked = buttons, []
+        for _ in range(ticks):
+            self.clock.sleep_until(self.clock.now_s() + 0.02)
+            asked += self.source.poll()
+        return asked
 
 
 @pytest.fixture
 def remote():
-    heard = Heard()
-    return heard, RemoteButtons(heard)
+    made = Remote()
+    made.press()
+    return made
 
 
-def press(heard, source, *buttons):
-    heard.buttons = buttons
-    return tuple(source.poll())
-
-
-def test_a_press_asks_once(remote):
-    heard, source = remote
-    assert press(heard, source) == ()
-    assert press(heard, source, "start") == (Request.STAND,)
-    assert press(heard, source, "start") == ()
-    assert press(heard, source) == ()
-    assert press(heard, source, "start") == (Request.STAND,)
-
-
-def test_every_button(remote):
-    heard, source = remote
-    press(heard, source)
-    expected = {
+@pytest.mark.parametrize(
+    ("button", "request_"),
+    {
         "A": Request.START,
         "X": Request.HOLD,
         "Y": Request.SWITCH,
         "select": Request.ACKNOWLEDGE,
         "start": Request.STAND,
-    }
-    for button, request in expected.items():
-        assert press(heard, source, button) == (request,)
-    assert press(heard, source, "L1", "up") == ()
+    }.items(),
+)
+def test_a_button_asks_once_when_it_is_let_go(remote, button, request_):
+    assert remote.press(button, ticks=20) == []
+    assert remote.press(ticks=3) == [request_]
+    assert remote.press(button) == [] and remote.press() == [request_]
+
+
+@pytest.mark.parametrize("modifier", ["L1", "L2", "R1", "R2", "up", "A"])
+def test_a_chord_never_acts_in_whatever_order_it_is_pressed_and_let_go(remote, modifier):
+    for steps in (
+        [(modifier,), (modifier, "start"), (modifier,), ()],
+        [("start",), ("start", modifier), (modifier,), ()],
+        [(modifier,), (modifier, "start"), ("start",), ()],
+        [("start", modifier), ("start",), ("start", modifier), ()],
+    ):
+        assert [request for buttons in steps for request in remote.press(*buttons, ticks=15)] == []
+    assert remote.press("start") == [] and remote.press() == [Request.STAND]
 
 
 def test_the_stop_button_stops_as_long_as_it_is_held_whatever_else_is_pressed(remote):
-    heard, source = remote
-    assert press(heard, source, "B", "A") == (Request.DAMP,)
-    assert press(heard, source, "B", "L2") == (Request.DAMP,)
+    assert remote.press("B", "A") == [Request.DAMP]
+    assert remote.press("B", "L2", ticks=3) == [Request.DAMP] * 3
+    assert remote.press() == []
     assert ALLOWED[Request.DAMP] == frozenset(Mode)
 
 
-def test_what_is_pressed_at_first_asks_for_nothing(remote):
-    heard, source = remote
-    assert press(heard, source, "A", "start") == ()
-    assert press(heard, source, "A", "start") == ()
+def test_what_is_pressed_at_first_asks_for_nothing_except_to_stop():
+    remote = Remote()
+    assert remote.press("A", "start") == [] and remote.press("A") == [] and remote.press() == []
+    other = Remote()
+    assert other.press("start") == [] and other.press() == []
+    assert Remote().press("B") == [Request.DAMP]
 
 
-def test_an_old_word_is_not_heard(remote):
-    heard, source = remote
-    press(heard, source)
-    heard.age_s = float("inf")
-    assert press(heard, source, "start") == ()
+def test_silence_is_no_life_and_ends_a_press(remote):
+    remote.press("start")
+    assert remote.source.live
+    remote.age_s = 0.6
+    assert remote.press("start") == [] and not remote.source.live
+    remote.age_s = 0.0
+    assert remote.press() == [] and remote.source.live
 
 
-def event(number, value, kind=1):
-    return struct.pack("=IhBB", 0, value, kind, number)
+def test_the_chord_held_for_a_second_is_consent():
+    consent = Consent()
+    remote = Remote(consent)
+    remote.press()
+    assert remote.press("select", "start", ticks=49) == [] and not consent.given
+    remote.press()
+    remote.press("select", "start", "R1", ticks=60)
+    remote.press("select", ticks=60)
+    remote.press()
+    assert not consent.given
+    assert remote.press("start") == [] and remote.press("select", "start", ticks=53) == [] and consent.given
+    assert remote.press("start") == [] and remote.press() == []
 
 
-@pytest.fixture
-def pad(tmp_path):
-    path = tmp_path / "js0"
-    os.mkfifo(path)
-    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    writer = os.open(path, os.O_WRONLY)
-    with Gamepad(path, say=lambda line: None) as gamepad:
-        os.close(reader)
-        yield gamepad, writer
-
-
-def test_a_gamepads_buttons(pad):
-    gamepad, writer = pad
-    assert gamepad.poll() == []
-    os.write(writer, event(7, 1) + event(7, 0) + event(0, 1) + event(1, 1))
-    assert gamepad.poll() == [Request.STAND, Request.START, Request.DAMP]
-    os.write(writer, event(0, 1, kind=0x81) + event(0, 32767, kind=2) + event(11, 1))
-    assert gamepad.poll() == []
-
-
-def test_an_event_in_two_pieces(pad):
-    gamepad, writer = pad
-    os.write(writer, event(2, 1)[:5])
-    assert gamepad.poll() == []
-    os.write(writer, event(2, 1)[5:])
-    assert gamepad.poll() == [Request.HOLD]
-
-
-def test_a_gamepad_that_goes_away_damps_once(pad):
-    gamepad, writer = pad
-    os.close(writer)
-    assert gamepad.poll() == (Request.DAMP,)
-    assert gamepad.poll() == ()
-
-
-def test_no_gamepad_is_bad_input(tmp_path):
-    with pytest.raises(InputError, match="cannot be read: No such file"), Gamepad(tmp_path / "js9"):
-        pass
+def test_a_chord_that_was_held_before_anybody_listened_is_none():
+    consent = Consent()
+    assert Remote(consent).press("select", "start", ticks=100) == [] and not consent.given

@@ -92,7 +92,7 @@ def served(file: RobotFile, emulated_as: str) -> Iterator[tuple[RobotFile, BusLi
     loop.start()
     try:
         yield file.at({bus.name: line.wire.endpoint}), line
-        assert loop.failure is None
+        assert loop.failure is None, loop.failure
     finally:
         loop.stop()
 

@@ -1,14 +1,20 @@
 """Scanning, jogging and zeroing against servos that answer on a wire."""
 
 import dataclasses
+import os
 import re
+import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from core.errors import InputError
+from hal.calibration import bench as bench_module
 from hal.calibration import jog, scan, zero
 from hal.calibration.bench import Bench
 from hal.can.robot_file import load_robot_file
@@ -135,6 +141,49 @@ def test_an_exception_while_moving_damps_and_switches_off() -> None:
         driven = [values[2] for _, values in bus._robot.commands]
         assert max(driven) > 0
         assert driven[-2:] == [0.0, 0.0]
+
+
+JOG = """
+import os, sys
+from hal.calibration import jog
+sys.exit(jog.main(sys.argv[1:], ask=lambda question: "left_hip_pitch_joint"))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+def test_a_stop_of_the_program_switches_the_motor_off(tmp_path: Path, number: signal.Signals) -> None:
+    """A CubeMars goes on pulling where nobody tells it to stop. The terminal is gone by then, and its words with it."""
+    path = tmp_path / "robot.yaml"
+    path.write_text(YAML.replace("codec: damiao, model: DM10010L", "codec: cubemars, model: AK10-9"))
+    read, write = os.pipe()
+    with served(load_robot_file(path), "socketcand") as (_, line):
+        options = ["--config", str(path), "--at", f"bus={line.wire.endpoint}", "--without-watchdog", "--speed", "0.02"]
+        call = [sys.executable, "-c", JOG, HIP, *options]
+        program = subprocess.Popen(call, stdout=write, stderr=write)
+        os.close(write)
+        end_s = time.monotonic() + 60.0
+        while not line.motors[0].enabled and time.monotonic() < end_s:
+            time.sleep(0.01)
+        assert line.motors[0].enabled, os.read(read, 4000)
+        os.close(read)
+        program.send_signal(number)
+        program.send_signal(number)
+        assert program.wait(20) == 0
+        assert not line.motors[0].enabled
+
+
+def test_a_stop_that_comes_while_it_switches_off_waits_until_it_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    with served(robot_file(motor(HIP, 1)), "virtual") as (file, bus):
+        before = signal.signal(signal.SIGTERM, lambda *_: seen.append(bus.motors[0].enabled))
+        real = bench_module.switch_off
+        monkeypatch.setattr(bench_module, "switch_off", lambda *a: (os.kill(os.getpid(), signal.SIGTERM), real(*a)))
+        try:
+            with Bench(file, G1, HIP, torque_nm=3.0) as bench:
+                bench.switch_on()
+            assert seen == [False]
+        finally:
+            signal.signal(signal.SIGTERM, before)
 
 
 def test_a_fault_while_moving_ends_it() -> None:

@@ -1,10 +1,15 @@
 """The maker's own library finds the emulated servos."""
 
+import os
+import pty
+import threading
+
 import pytest
 
 from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.scan import main, scan
+from hal.wire.lock import WireLock, wire_name
 from tests.hal.dynamixel.rigs import Bench
 
 
@@ -28,3 +33,20 @@ def test_a_port_that_does_not_exist_is_said(capsys: pytest.CaptureFixture[str]) 
         scan("no/such", [1_000_000])
     assert main(["no/such"]) == 4
     assert "error: cannot open no/such" in capsys.readouterr().err
+
+
+def test_a_port_that_is_in_use_or_on_which_somebody_speaks_is_left_alone() -> None:
+    master, slave = pty.openpty()
+    device = os.ttyname(slave)
+    with WireLock((wire_name("serial", device),)), pytest.raises(DeviceError, match="in use by"):
+        scan(device, [1_000_000])
+    talker = threading.Timer(0.1, os.write, (master, bytes(14)))
+    talker.start()
+    with pytest.raises(DeviceError, match=r"14 bytes came though nothing was asked"):
+        scan(device, [1_000_000])
+    talker.join()
+    os.set_blocking(master, False)
+    with pytest.raises(BlockingIOError):
+        os.read(master, 100)
+    os.close(master)
+    os.close(slave)
