@@ -16,7 +16,7 @@ from hal.dynamixel.setup import FoundServo
 from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle
+from hal.wire.driver import Cycle, Damper
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
 
@@ -69,6 +69,10 @@ class DynamixelDriver:
         watchdog_ms = 1e3 * self._options.watchdog_counts * WATCHDOG_UNIT_S
         watchdog = f"each servo's own, {watchdog_ms:.0f} ms, read back: it stops and holds where it is"
         return DeviceInfo("dynamixel", self.joint_names, watchdog, details)
+
+    def dampers(self) -> Sequence[Damper]:
+        """See Driver."""
+        return [group.damper() for group in self._groups]
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""

@@ -66,6 +66,9 @@ class FakeDriver:
             raise self.setup.refuse_with(self.setup.refuse)
         return DeviceInfo("fake", self.joint_names, details={"wire": "none"})
 
+    def dampers(self):
+        return [FakeDamper(self.setup.journal, tuple(self.joint_names))]
+
     def start(self, outbox, state):
         self.outbox, self.state = outbox, state
         self.device.open()
@@ -116,6 +119,34 @@ class FakeDriver:
         self.note("close")
         if self.file:
             self.file.close()
+
+
+@dataclass
+class FakeDamper:
+    """Notes what the standby process does, in the same journal; it has nothing else to damp."""
+
+    journal: Path | None
+    joints: tuple[str, ...]
+    name: str = "fake"
+    period_s: float = CYCLE_S
+
+    def note(self, event):
+        if self.journal:
+            with self.journal.open("a") as file:
+                file.write(f"{time.monotonic()} {event} 0.0 0.0 0.0\n")
+
+    def prepare(self):
+        return
+
+    def damp(self):
+        self.note("STANDBY_DAMP")
+        return self.joints
+
+    def disable(self):
+        self.note("standby_disable")
+
+    def close(self):
+        self.note("standby_close")
 
 
 def make_factory(config, endpoints):
