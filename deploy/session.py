@@ -171,7 +171,8 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
 def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
-    observers: list[Observer] = [Console(refusals=options.attended), *([] if film is None else [film])]
+    console = Console(setup.backend, setup.clock, refusals=options.attended)
+    observers: list[Observer] = [console, *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
         if options.log is not None:
             about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
@@ -197,7 +198,10 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
             observers=observers,
             duration_s=options.duration_s,
         )
-        loop.run()
+        try:
+            loop.run()
+        finally:
+            console.finish()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 

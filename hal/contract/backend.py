@@ -44,8 +44,8 @@ class Backend(Protocol):
         """kp = 0 with the robot's damping kd on every joint. Needs no state; may be repeated."""
         ...
 
-    def undamped(self) -> tuple[str, ...]:
-        """Joints that were commanded and are not known to be damped: not heard since damping went out to them."""
+    def undamped(self) -> tuple[str, ...] | None:
+        """Joints that are not known to be damped: not heard since damping went out to them. None: nothing went out."""
         ...
 
     def acknowledge(self) -> None:
@@ -119,7 +119,7 @@ class ClosesByDamping(ABC):
     def damp(self) -> None:
         """See Backend."""
 
-    def undamped(self) -> tuple[str, ...]:
+    def undamped(self) -> tuple[str, ...] | None:
         """See Backend. What is simulated in this process hears everything."""
         return ()
 

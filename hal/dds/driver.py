@@ -137,8 +137,7 @@ class DdsDriver:
     def _run(self, now_s: float) -> None:
         """One round: send what is to be sent, look out for others, pass on what ended the reader."""
         assert self._states is not None
-        outgoing = self._outbox.at(time.monotonic())
-        if outgoing.kind is not Kind.IDLE and self._taken:
+        if self._taken and (outgoing := self._outbox.at(time.monotonic())).kind is not Kind.IDLE:
             message = self._message()
             body = self._frames.body(outgoing, int(message["mode_machine"]), message["motor_state"])
             self._commands.write(LowCmd_(body))

@@ -140,19 +140,18 @@ class WireBackend(ClosesByDamping):
         self._board.post(Kind.DAMP, self.clock.now_s(), self._damping)
         self._energise()
 
-    def undamped(self) -> tuple[str, ...]:
+    def undamped(self) -> tuple[str, ...] | None:
         """See Backend. Heard: a joint's own answer, younger than 0.2 s, to the wire process or to its standby."""
-        if not (self._is_open and self._commanded):
-            return ()
+        since_s = self._pulse.damping_since_s if self._is_open else None
+        if since_s is None:
+            return None
         if self._pulse.taken:
-            heard_s = np.array(self._pulse.answers_s)
-            since_s = 0.0
+            since_s, heard_s = 0.0, np.array(self._pulse.answers_s)
         else:
             snapshot = self._state.snapshot()
-            heard_s = np.full(self.robot.num_joints, -np.inf) if snapshot is None else snapshot.joint_stamp_s
-            since_s = self._pulse.damping_since_s
-        since_s = max(since_s, self.clock.now_s() - HEARD_S)
-        return tuple(name for name, time_s in zip(self.robot.joint_names, heard_s.tolist()) if time_s < since_s)
+            heard_s = np.zeros(self.robot.num_joints) if snapshot is None else snapshot.joint_stamp_s
+        late = heard_s < max(since_s, self.clock.now_s() - HEARD_S)
+        return tuple(name for name, is_late in zip(self.robot.joint_names, late.tolist()) if is_late)
 
     def acknowledge(self) -> None:
         """See Backend."""

@@ -81,7 +81,8 @@ class Outbox:
         self._lock = threading.Lock()
         self._serial = 0
         self._outgoing = self._damp
-        self._energised = self._halted = self._failed = self._damps = False
+        self._energised = self._halted = self._failed = False
+        self._damps: bool | None = None
 
     def at(self, now_s: float) -> Outgoing:
         """What to send at now_s, on the monotonic clock. Ask each time before sending; never keep the answer."""

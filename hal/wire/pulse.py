@@ -1,7 +1,5 @@
 """Who owns a wire, whether it is alive, and which joints were heard to damp: single words in shared memory."""
 
-import math
-
 MAX_CYCLES = 16
 ENERGISED, TAKEN, DAMPING, BEATS = 0, 1, 2, 3
 ANSWERS = BEATS + MAX_CYCLES
@@ -52,9 +50,9 @@ class Pulse:
         self._words[TAKEN] = 1.0
 
     @property
-    def damping_since_s(self) -> float:
-        """Since when whoever owns the wire has sent nothing but damping; inf while it does not."""
-        return self._words[DAMPING] or math.inf
+    def damping_since_s(self) -> float | None:
+        """Since when the wire process has sent nothing but damping; inf while it drives, None before it has begun."""
+        return self._words[DAMPING] or None
 
     @damping_since_s.setter
     def damping_since_s(self, time_s: float) -> None:

@@ -68,7 +68,7 @@ def test_a_wire_process_that_has_switched_nothing_on_leaves_nothing_to_damp(tmp_
         (standby,) = children(backend.process_id)
         os.kill(backend.process_id, signal.SIGKILL)
         wait_until(lambda: not runs(standby))
-        assert backend.undamped() == ()
+        assert backend.undamped() is None
     assert events(journal) == ["identify"]
 
 
@@ -90,6 +90,7 @@ def test_where_nobody_is_left_no_joint_counts_as_damped(tmp_path, capfd):
 def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be():
     with fake_backend() as backend:
         ready(backend)
+        assert backend.undamped() is None
         drive(backend, 0.2)
         assert backend.undamped() == G1.joint_names
         backend.damp()
