@@ -7,7 +7,7 @@ from core.arguments import ArgumentParser, count_argument, number_argument, path
 from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
-from deploy.operator.keys import KEY_TABLE, StopSignals
+from deploy.operator.keys import KEY_TABLE, Stopped, StopSignals
 from deploy.operator.remote import BUTTON_TABLE
 from deploy.options import RunOptions
 from deploy.record.report import RunReport, summary
@@ -26,6 +26,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             report = run_session(options, signals)
             if options.json is not None:
                 write_json(options.json, report.content)
+    except Stopped:
+        print("stopped before anything was commanded", flush=True)
+        return DONE
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT

@@ -55,15 +55,19 @@ class _Setup:
 
 
 def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
-    """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
+    """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses.
+
+    A stop signal up to the end of the preflight, while nothing is energised, raises Stopped.
+    """
     options.check()
     with contextlib.ExitStack() as stack:
-        setup = _prepare(options, stack)
-        report_only = options.backend == "mujoco" and setup.sim.report_only
-        cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
-        film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
-        stack.enter_context(contextlib.closing(setup.backend))
-        _preflight(options, setup, setup.backend.open())
+        with signals.breaking_off():
+            setup = _prepare(options, stack)
+            report_only = options.backend == "mujoco" and setup.sim.report_only
+            cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
+            film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
+            stack.enter_context(contextlib.closing(setup.backend))
+            _preflight(options, setup, setup.backend.open())
         if options.dry_run:
             ending = _rehearse(options, setup, cell, signals)
         else:

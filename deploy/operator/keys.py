@@ -6,7 +6,8 @@ import signal
 import sys
 import termios
 import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
@@ -28,6 +29,10 @@ KEY_TABLE = (
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+class Stopped(KeyboardInterrupt):
+    """A stop signal came where waiting may be broken off anywhere."""
+
+
 class RequestSource(Protocol):
     """Anything that may be asked, once per tick, what is wanted."""
 
@@ -43,7 +48,7 @@ class StopSignals:
     """
 
     def __init__(self) -> None:
-        self.raised = False
+        self.raised = self._breaks_off = False
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
@@ -60,8 +65,22 @@ class StopSignals:
         """See RequestSource."""
         return (Request.QUIT,) if self.raised else ()
 
+    @contextmanager
+    def breaking_off(self) -> Iterator[None]:
+        """Within, while nothing is energised, the first signal raises Stopped, whatever is being waited for."""
+        if self.raised:
+            raise Stopped
+        self._breaks_off = True
+        try:
+            yield
+        finally:
+            self._breaks_off = False
+
     def _raise(self, number: int, frame: FrameType | None) -> None:
         self.raised = True
+        if self._breaks_off:
+            self._breaks_off = False
+            raise Stopped
 
 
 class Keyboard:

@@ -1,6 +1,10 @@
 """deploy/run on a wire: who may start, what a dry run writes, what is recorded. The wire's driver is a fake."""
 
 import json
+import os
+import signal
+import threading
+import time
 
 import pytest
 import yaml
@@ -14,6 +18,7 @@ from deploy.dry_run import DryRunRecord, require_records
 from deploy.options import RunOptions
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import read_journal
+from tests.hal.wire.test_process import wait_until
 
 
 def patient_settings():
@@ -86,6 +91,31 @@ def test_the_remote_stops_it(rig, capsys, monkeypatch):
     assert rig("--duration", 0.5, "--first-run-ok") == 0
     assert "damping" in capsys.readouterr().out.splitlines()
     assert "DAMP" in events(rig)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("phase", ["opening", "preflight"])
+def test_a_signal_before_anything_is_energised_stops_within_5_s(rig, capsys, monkeypatch, number, phase):
+    how = {"identify_s": 60.0} if phase == "opening" else {"mute": True}
+    monkeypatch.setenv("FAKE_WIRE", json.dumps(how))
+    settings = yaml.safe_load(patient_settings())
+    settings["preflight"]["state_wait_s"] = 60.0
+    (rig.folder / "patient.yaml").write_text(yaml.safe_dump(settings))
+    stopped_s = []
+
+    def stop():
+        wait_until(lambda: "identify" in events(rig))
+        time.sleep(0.5)
+        stopped_s.append(time.monotonic())
+        os.kill(os.getpid(), number)
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    assert rig("--dry-run") == 0
+    stopping.join()
+    assert time.monotonic() - stopped_s[0] < 5.0
+    assert "stopped before anything was commanded" in capsys.readouterr().out
+    assert set(events(rig)) <= {"identify", "close"}
 
 
 BAD = [
