@@ -144,3 +144,18 @@ def test_a_wire_process_that_is_no_more_is_damped_for(loop: LoopOnWire, how: str
         assert process.stderr is not None and "its standby has the wire" in process.stderr.read()
     process.kill()
     wait_until(lambda: loop.modes() == {"slack"})
+
+
+def test_a_signal_ends_the_opening_of_a_lossy_wire_within_5_s() -> None:
+    """Where most answers of servos are lost, opening takes half a minute."""
+    command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", "dynamixel", "--emulate"]
+    command += ["--policy", "taichi", "--fault", "drop=0.6"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+    wait_until(lambda: len(children.read_text().split()) == 2, 60.0)  # the emulator and the wire process
+    time.sleep(1.0)
+    begun_s = time.monotonic()
+    run.send_signal(signal.SIGTERM)
+    out, _ = run.communicate(timeout=30)
+    assert time.monotonic() - begun_s < 5.0
+    assert run.returncode == 0 and "stopped before anything was commanded" in out
