@@ -85,6 +85,8 @@ class WireBackend(ClosesByDamping):
         try:
             answer = self._receive(OPEN_LIMIT_S)
         except BaseException:
+            if self._process is not None:
+                self._process.kill()
             self._disable()
             raise
         if isinstance(answer, DeviceInfo):

@@ -17,8 +17,7 @@ from hal.wire.pulse import Pulse
 from hal.wire.saying import Saying, say
 
 LOOK_S = 0.01
-SILENT_PERIODS = 4
-KILL_WAIT_S = 0.03
+SILENT_PERIODS = 3
 STOP_WAIT_S = 1.0
 
 
@@ -76,7 +75,7 @@ def fork_standby(
 class Standby:
     """Waits beside the wire process, and damps in its place.
 
-    The end of that process shows at once, by the pipe between them; silence is 4 control periods, as seen in this
+    The end of that process shows at once, by the pipe between them; silence is 3 control periods, as seen in this
     process's own turns, without a new round of one of its cycles. A silent one is killed before the wire is opened:
     should it not die, it finds itself fenced by the pulse.
     """
@@ -132,7 +131,6 @@ class Standby:
         if os.getppid() == self._wire:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._wire, signal.SIGKILL)
-            self._ward.poll(KILL_WAIT_S)
         begun_s = time.monotonic()
         rounds = [self._round(*pair) for pair in zip(dampers, self._preparations)]
         threads = [CycleThread(Cycle(d.name, d.period_s, run), self._failed) for d, run in zip(dampers, rounds)]
