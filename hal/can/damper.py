@@ -26,20 +26,25 @@ class CanDamper:
     link: CanLink
     motors: Sequence[Motor]
     _demultiplexer: Demultiplexer | None = field(default=None, init=False)
+    _damping: list[tuple[Frame, ...]] = field(default_factory=list, init=False)
 
     def prepare(self) -> None:
-        """See Damper. An adapter may be opened by one process only."""
+        """See Damper. An adapter may be opened by one process only, but what is to be sent can be known."""
+        self._demultiplexer = Demultiplexer(self.motors)
+        self._damping = [motor.codec.damping(motor.damping_kd) for motor in self.motors]
 
     def damp(self) -> Collection[str]:
         """See Damper."""
         begun_s = time.monotonic()
-        if self._demultiplexer is None or not self.link.is_open:
+        if self._demultiplexer is None:
+            self.prepare()
+        if not self.link.is_open:
             self.link.open()
-            self._demultiplexer = Demultiplexer(self.motors)
         for motor in self.motors:
             motor.heard = False
-        self.link.send([frame for motor in self.motors for frame in self._frames(motor)])
-        self._hear(self._demultiplexer, begun_s + MAX_LOAD * self.period_s)
+        pairs = zip(self.motors, self._damping)
+        self.link.send([frame for motor, damping in pairs for frame in _frames(motor, damping)])
+        self._hear(begun_s + MAX_LOAD * self.period_s)
         return [motor.joint for motor in self.motors if motor.heard and motor.drive_on is not False]
 
     def disable(self) -> None:
@@ -52,18 +57,18 @@ class CanDamper:
         """See Damper."""
         self.link.close()
 
-    def _frames(self, motor: Motor) -> tuple[Frame, ...]:
-        """Damping; with what comes before it where the motor says that it is off, and shows no fault of its own."""
-        codec = motor.codec
-        damping = codec.damping(motor.damping_kd)
-        if motor.drive_on is not False and codec.watchdog_fault not in motor.faults:
-            return damping
-        if codec.watchdog_fault is not None and motor.faults == (codec.watchdog_fault,):
-            return (*codec.clear_fault(), *codec.enable(), *damping)
-        return damping if motor.faults else (*codec.enable(), *damping)
-
-    def _hear(self, demultiplexer: Demultiplexer, until_s: float) -> None:
-        while (frame := self.link.receive(until_s)) is not None:
-            motor, message = demultiplexer.sort(frame) or (None, None)
+    def _hear(self, until_s: float) -> None:
+        while self._demultiplexer is not None and (frame := self.link.receive(until_s)) is not None:
+            motor, message = self._demultiplexer.sort(frame) or (None, None)
             if motor is not None and isinstance(message, Feedback):
                 motor.take(message, time.monotonic())
+
+
+def _frames(motor: Motor, damping: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    """Damping; with what comes before it where the motor says that it is off, and shows no fault of its own."""
+    codec = motor.codec
+    if motor.drive_on is not False and codec.watchdog_fault not in motor.faults:
+        return damping
+    if codec.watchdog_fault is not None and motor.faults == (codec.watchdog_fault,):
+        return (*codec.clear_fault(), *codec.enable(), *damping)
+    return damping if motor.faults else (*codec.enable(), *damping)

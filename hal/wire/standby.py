@@ -16,7 +16,7 @@ from hal.wire.driver import Cycle, Damper
 from hal.wire.pulse import Pulse
 from hal.wire.saying import Saying, say
 
-LOOK_S = 0.01
+LOOK_S = 0.005
 SILENT_PERIODS = 3
 STOP_WAIT_S = 1.0
 
