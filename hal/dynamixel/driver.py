@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
+from hal.dynamixel.damper import ServoDamper
 from hal.dynamixel.group import ServoGroup
-from hal.dynamixel.port import latency_timer_ms
+from hal.dynamixel.port import ServoPort, latency_timer_ms
+from hal.dynamixel.questions import StateQuestions
 from hal.dynamixel.registers import WATCHDOG_UNIT_S
 from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load, with_endpoints
 from hal.dynamixel.setup import FoundServo
@@ -72,7 +74,7 @@ class DynamixelDriver:
 
     def dampers(self) -> Sequence[Damper]:
         """See Driver."""
-        return [group.damper() for group in self._groups]
+        return [self._damper(group) for group in self._groups]
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""
@@ -95,6 +97,14 @@ class DynamixelDriver:
         for group in self._groups:
             group.close()
         self._imu.close()
+
+    def _damper(self, group: ServoGroup) -> ServoDamper:
+        options, port = group.options, ServoPort(group.options.device, group.options.baud)
+        questions = StateQuestions(port, fast=options.fast_sync_read)
+        joints = {servo.id: servo.joint for servo in group.servos}
+        frame, watchdog = group.translation.damping_frame, self._options.watchdog_counts
+        name, period_s = f"dynamixel {options.name}", 1.0 / self._options.rate_hz
+        return ServoDamper(name, period_s, port, questions, joints, frame, watchdog)
 
     def _on_all(self, action: Callable[[ServoGroup], list[str]]) -> None:
         """Do something on all ports at once. Raises DeviceFault naming everything that went wrong."""

@@ -11,7 +11,6 @@ from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel import setup
-from hal.dynamixel.damper import ServoDamper
 from hal.dynamixel.port import PATIENT_S, ServoPort, Silent
 from hal.dynamixel.questions import Heard, StateQuestions
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions
@@ -111,14 +110,6 @@ class ServoGroup:
             rows = [row for row, wrong in problems.items() if wrong]
             if not rows or time.monotonic() > end_s:
                 return [wrong for row in rows for wrong in problems[row]]
-
-    def damper(self) -> ServoDamper:
-        """What damps these servos from another process."""
-        options, port = self.options, ServoPort(self.options.device, self.options.baud)
-        questions = StateQuestions(port, fast=options.fast_sync_read)
-        joints = {servo.id: servo.joint for servo in self.servos}
-        frame, watchdog = self.translation.damping_frame, self.servos[0].watchdog
-        return ServoDamper(f"dynamixel {options.name}", self._period_s, port, questions, joints, frame, watchdog)
 
     def close(self) -> None:
         """Let go of the port."""
