@@ -198,7 +198,7 @@ def main() -> int:
     if not options.state:
         print(*table(found), sep="\n")
     if options.json:
-        write_json(options.json, found)
+        write_json(options.json, {key: _cell(value_s) for key, value_s in found.items()})
     return 0 if all(value_s is not None and value_s <= BOUND_S for value_s in found.values()) else 1
 
 

@@ -122,7 +122,7 @@ class Standby:
                 prepared = True
                 for preparation in self._preparations:
                     preparation.start()
-            if self._silence.lasts(self._pulse.beats):
+            if self._silence.lasts(self._pulse.beats) and self._pulse.energised:
                 return "hangs"
         return "has ended"
 

@@ -72,6 +72,18 @@ def test_a_wire_process_that_has_switched_nothing_on_leaves_nothing_to_damp(tmp_
     assert events(journal) == ["identify"]
 
 
+def test_a_wire_process_that_was_silent_before_anything_was_on_is_stood_by_all_the_same(tmp_path):
+    journal = tmp_path / "journal"
+    with fake_backend(journal=journal) as backend:
+        ready(backend)
+        os.kill(backend.process_id, signal.SIGSTOP)
+        time.sleep(0.3)
+        os.kill(backend.process_id, signal.SIGCONT)
+        drive(backend, 0.3)
+        os.kill(backend.process_id, signal.SIGKILL)
+        wait_until(lambda: "STANDBY_DAMP" in events(journal))
+
+
 def test_where_nobody_is_left_no_joint_counts_as_damped(tmp_path, capfd):
     with fake_backend(journal=tmp_path / "journal") as backend:
         ready(backend)
