@@ -9,7 +9,7 @@ from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
 from deploy.operator.buttons import BUTTON_TABLE
-from deploy.operator.keys import KEY_TABLE, StopSignals
+from deploy.operator.keys import KEY_TABLE, Stopped, StopSignals
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.record.report import RunReport, summary
@@ -34,6 +34,9 @@ def _main(arguments: Sequence[str] | None, voice: Voice) -> int:
         with StopSignals() as signals:
             options = parse(arguments)
             report = run_session(options, signals, voice)
+    except Stopped:
+        voice.say("stopped before anything was commanded")
+        return DONE
     except InputError as error:
         voice.complain(f"error: {error}")
         return BAD_INPUT

@@ -67,20 +67,24 @@ class _Setup:
 
 
 def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunReport:
-    """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses."""
+    """Do what the options ask. Raises InputError before anything is opened, DeviceError where the device refuses.
+
+    A stop signal up to the end of the preflight, while nothing is energised, raises Stopped.
+    """
     options.check()
     with contextlib.ExitStack() as stack:
-        setup = _prepare(options, stack, voice)
-        report_only = options.backend == "mujoco" and setup.sim.report_only
-        cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
-        film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
-        stack.enter_context(contextlib.closing(setup.backend))
-        _require_dry_runs(options, setup, None)
-        wanted = setup.settings.estop
-        estop = None if wanted is None else stack.enter_context(EStop(wanted, voice.complain))
-        info = setup.backend.open()
-        _require_dry_runs(options, setup, info)
-        _preflight(options, setup, info, [] if estop is None else [estop.check()])
+        with signals.breaking_off():
+            setup = _prepare(options, stack, voice)
+            report_only = options.backend == "mujoco" and setup.sim.report_only
+            cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
+            film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
+            stack.enter_context(contextlib.closing(setup.backend))
+            _require_dry_runs(options, setup, None)
+            wanted = setup.settings.estop
+            estop = None if wanted is None else stack.enter_context(EStop(wanted, voice.complain))
+            info = setup.backend.open()
+            _require_dry_runs(options, setup, info)
+            _preflight(options, setup, info, [] if estop is None else [estop.check()])
         if options.dry_run:
             ending = _rehearse(options, setup, info, cell, signals)
         else:
@@ -205,7 +209,8 @@ def _perform(
 ) -> Ending:
     """Run the loop."""
     plan = _begin(options, setup, cell)
-    observers: list[Observer] = [Console(setup.voice, refusals=options.attended), *([] if film is None else [film])]
+    console = Console(setup.voice, setup.backend, setup.clock, refusals=options.attended)
+    observers: list[Observer] = [console, *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
         observers += [*_records(options, setup, stack), *_status(options, setup, stack)]
         operators: list[RequestSource] = [signals, *([] if estop is None else [estop])]
@@ -230,7 +235,10 @@ def _perform(
             duration_s=options.duration_s,
             complain=setup.voice.complain,
         )
-        loop.run()
+        try:
+            loop.run()
+        finally:
+            console.finish()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
 
 

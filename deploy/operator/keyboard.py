@@ -14,7 +14,7 @@ from deploy.control.states import Request
 from deploy.operator.keys import KEY_TABLE, KEYS
 from deploy.operator.takeover import HOW, TAKING, WORD, Consent
 
-STOPS = frozenset({Request.DAMP, Request.QUIT})
+STOPS = frozenset({Request.DAMP, Request.FINISH})
 ESCAPE = b"\x1b"
 ERASE = "\x7f\b"
 IFLAG, CC = 0, 6

@@ -1,7 +1,8 @@
 """Where requests come from: what every source offers, the table of keys, and signals."""
 
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
@@ -22,6 +23,10 @@ KEY_TABLE = (
     "ctrl-c stop"
 )
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Stopped(KeyboardInterrupt):
+    """A stop signal came where waiting may be broken off anywhere."""
 
 
 class RequestSource(Protocol):
@@ -55,7 +60,7 @@ class StopSignals:
     """
 
     def __init__(self) -> None:
-        self.raised = False
+        self.raised = self._breaks_off = False
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
@@ -72,5 +77,19 @@ class StopSignals:
         """See RequestSource."""
         return (Request.QUIT,) if self.raised else ()
 
+    @contextmanager
+    def breaking_off(self) -> Iterator[None]:
+        """Within, while nothing is energised, the first signal raises Stopped, whatever is being waited for."""
+        if self.raised:
+            raise Stopped
+        self._breaks_off = True
+        try:
+            yield
+        finally:
+            self._breaks_off = False
+
     def _raise(self, number: int, frame: FrameType | None) -> None:
         self.raised = True
+        if self._breaks_off:
+            self._breaks_off = False
+            raise Stopped

@@ -9,6 +9,7 @@ import numpy as np
 
 from hal.can.bus_load import MAX_LOAD, bus_load
 from hal.can.codec import MotorCommand
+from hal.can.damper import CanDamper
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
 from hal.can.link import CanLink
@@ -24,6 +25,8 @@ from hal.wire.outbox import Outbox, Outgoing
 from robot.robot import Robot
 
 REOPEN_S = 0.5
+# An adapter that has been open a moment ago need not be given time to wake up.
+AWAKE: dict[str, dict[str, float]] = {"slcan": {"sleep_after_open": 0.0}}
 SILENT_S = 0.5
 
 
@@ -113,6 +116,12 @@ class CanBus:
             for name in self._strangers:
                 self._show(name, False)
             self._strangers.clear()
+
+    def damper(self) -> CanDamper:
+        """What damps these motors from another process, with what they have said of themselves."""
+        motors = [Motor(motor.joint, motor.row, motor.codec, motor.damping_kd) for motor in self.motors]
+        link = CanLink(self.name, self.entry.arguments | AWAKE.get(self.entry.arguments["interface"], {}))
+        return CanDamper(f"can {self.name}", self.period_s, link, motors)
 
     def end_rounds(self) -> None:
         """The rounds are over: conversations need not hurry."""

@@ -15,7 +15,7 @@ from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.imu.reader import ImuReader
 from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle
+from hal.wire.driver import Cycle, Damper
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
 
@@ -72,6 +72,10 @@ class CanDriver:
             details[f"bus {bus.name}"] = _bus_line(bus, loads[bus.name])
             details |= {motor.joint: _motor_line(bus, motor) for motor in bus.motors}
         return DeviceInfo("can", self.joint_names, self._watchdog_line(), details, self._identities())
+
+    def dampers(self) -> Sequence[Damper]:
+        """See Driver."""
+        return [bus.damper() for bus in self._buses]
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver. The buses take turns within a period: their threads share one interpreter."""

@@ -44,6 +44,10 @@ class Backend(Protocol):
         """kp = 0 with the robot's damping kd on every joint. Needs no state; may be repeated."""
         ...
 
+    def undamped(self) -> tuple[str, ...] | None:
+        """Joints that are not known to be damped: not heard since damping went out to them. None: nothing went out."""
+        ...
+
     def acknowledge(self) -> None:
         """Clear a latched dead man on the operator's word. The joints stay damped."""
         ...
@@ -114,6 +118,10 @@ class ClosesByDamping(ABC):
     @abstractmethod
     def damp(self) -> None:
         """See Backend."""
+
+    def undamped(self) -> tuple[str, ...] | None:
+        """See Backend. What is simulated in this process hears everything."""
+        return ()
 
     @abstractmethod
     def _disable(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.dds.command import CommandFrames
+from hal.dds.damper import DdsDamper
 from hal.dds.link import DdsLink
 from hal.dds.motion_service import MotionService
 from hal.dds.observation import hand_refusal, refusals
@@ -19,10 +20,11 @@ from hal.dds.state_writer import StateWriter
 from hal.dds.tick_clock import TickClock
 from hal.dds.types import LowCmd_
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle
+from hal.wire.driver import Cycle, Damper
 from hal.wire.lock import wire_name
-from hal.wire.outbox import Kind, Outbox
+from hal.wire.outbox import Kind, Outbox, Outgoing
 from robot.robot import Robot
+from world.actuation import damping_command
 
 COMMAND_TOPIC = "rt/lowcmd"
 LISTEN_S = 0.2
@@ -42,7 +44,7 @@ class DdsDriver:
     """
 
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
-        self.joint_names = robot.joint_names
+        self.joint_names, self._damping_kd = robot.joint_names, robot.damping_kd
         self._options = options
         self._slots = SlotMap(robot, options.held)
         self._period_s = 1.0 / options.command_hz
@@ -81,6 +83,18 @@ class DdsDriver:
         }
         robot = f"G1, mode_machine {details['mode_machine']}, version {details['version']}"
         return DeviceInfo("Unitree G1", self.joint_names, details=details, identities={"robot": robot})
+
+    def dampers(self) -> Sequence[Damper]:
+        """See Driver."""
+        options, machine = self._options, int(self._message()["mode_machine"])
+        damping = Outgoing(Kind.DAMP, damping_command(self._damping_kd))
+        frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
+        bodies = frames.body(damping, machine, self._message()["motor_state"]), frames.disabled_body(machine)
+        return [
+            DdsDamper(
+                "dds", self._period_s, options.domain, options.interface, COMMAND_TOPIC, self.joint_names, *bodies
+            )
+        ]
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""
@@ -127,8 +141,7 @@ class DdsDriver:
     def _run(self, now_s: float) -> None:
         """One round: send what is to be sent, look out for others, pass on what ended the reader."""
         assert self._states is not None
-        outgoing = self._outbox.at(time.monotonic())
-        if outgoing.kind is not Kind.IDLE and self._taken:
+        if self._taken and (outgoing := self._outbox.at(time.monotonic())).kind is not Kind.IDLE:
             message = self._message()
             body = self._frames.body(outgoing, int(message["mode_machine"]), message["motor_state"])
             self._commands.write(LowCmd_(body))

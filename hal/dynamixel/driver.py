@@ -9,8 +9,10 @@ import numpy as np
 
 from core.errors import InputError
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
+from hal.dynamixel.damper import ServoDamper
 from hal.dynamixel.group import ServoGroup
-from hal.dynamixel.port import latency_timer_ms
+from hal.dynamixel.port import ServoPort, latency_timer_ms
+from hal.dynamixel.questions import StateQuestions
 from hal.dynamixel.registers import WATCHDOG_UNIT_S
 from hal.dynamixel.robot_file import DynamixelOptions, load_dynamixel, port_load, with_endpoints
 from hal.dynamixel.setup import FoundServo
@@ -18,7 +20,7 @@ from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
 from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle
+from hal.wire.driver import Cycle, Damper
 from hal.wire.lock import wire_name
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
@@ -84,6 +86,10 @@ class DynamixelDriver:
         watchdog = f"each servo's own, {watchdog_ms:.0f} ms, read back: it stops and holds where it is"
         return DeviceInfo("dynamixel", self.joint_names, watchdog, details, self._identities())
 
+    def dampers(self) -> Sequence[Damper]:
+        """See Driver."""
+        return [self._damper(group) for group in self._groups]
+
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:
         """See Driver."""
         return [*(group.cycle(outbox, state) for group in self._groups), self._imu.cycle(state)]
@@ -112,6 +118,14 @@ class DynamixelDriver:
         files["imu"] = self._options.imu.port
         serials = {name: adapter_serial(device, "tty") for name, device in files.items()}
         return {name: f"adapter {serial}" for name, serial in serials.items() if serial}
+
+    def _damper(self, group: ServoGroup) -> ServoDamper:
+        options, port = group.options, ServoPort(group.options.device, group.options.baud)
+        questions = StateQuestions(port, fast=options.fast_sync_read)
+        joints = {servo.id: servo.joint for servo in group.servos}
+        frame, watchdog = group.translation.damping_frame, self._options.watchdog_counts
+        name, period_s = f"dynamixel {options.name}", 1.0 / self._options.rate_hz
+        return ServoDamper(name, period_s, port, questions, joints, frame, watchdog)
 
     def _on_all(self, action: Callable[[ServoGroup], list[str]]) -> None:
         """Do something on all ports at once. Raises DeviceFault naming everything that went wrong."""

@@ -1,10 +1,12 @@
 """The loop's side of every wire: shared memory to the process that owns it, and the same interface as any backend."""
 
+import contextlib
 import math
 import pickle
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any
@@ -16,19 +18,22 @@ from core.errors import InputError
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost, NoState, RobotState
-from hal.wire.boards import Snapshot, StateBoard, is_complete
+from hal.wire.boards import Snapshot, is_complete
 from hal.wire.driver import DriverFactory
 from hal.wire.lock import WireLock
-from hal.wire.outbox import CommandBoard, Kind
+from hal.wire.outbox import Kind
 from hal.wire.process import WireSetup
 from hal.wire.ring import SharedMemory
+from hal.wire.shared import Boards
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 
 LINK_TIMEOUT_S = 0.1
 OPEN_LIMIT_S = 60.0
 END_LIMIT_S = 10.0
+OPENING_END_S = 1.0
 REPORT_LIMIT_S = 2.0
+HEARD_S = 0.2
 MAIN = "import sys; from hal.wire.process import main; sys.exit(main(sys.argv[1:]))"
 ERRORS = {error.__name__: error for error in (DeviceError, DeviceFault, LinkLost, NoState)}
 
@@ -39,7 +44,8 @@ class WireBackend(ClosesByDamping):
     link_timeout_s: when every joint and the IMU have been silent for longer, the link counts as lost. wires: locked
     while it is open. The clock must be the machine's monotonic one, which both processes share. Damping frame: the
     driver's, for kp = 0 and the robot's damping kd. Before the first `write` or `damp` nothing is sent that drives a
-    joint; a backend that was only read from ends without damping.
+    joint; a backend that was only read from ends without damping. Should the wire process die or hang, its standby
+    damps; there is no way back from that but to close.
     """
 
     def __init__(
@@ -74,17 +80,20 @@ class WireBackend(ClosesByDamping):
         """See Backend. Starts the wire process, which finds and checks the devices."""
         setup = pickle.dumps(self._setup)
         self._lock.__enter__()
-        joints = self.robot.num_joints
-        memory = SharedMemory.create(CommandBoard.size(joints) + StateBoard.size(joints))
-        commands = CommandBoard.size(joints)
-        self._board = CommandBoard(memory.buffer[:commands], joints)
-        self._state = StateBoard(memory.buffer[commands:], joints)
+        memory = SharedMemory.create(Boards.size(self.robot.num_joints))
+        self._board, self._state, self._pulse = Boards.of(memory.buffer, self.robot.num_joints)
         self._texts: tuple[int, tuple[str, ...], tuple[str, ...]] = (0, (), ())
         self._dead_man = DeadMan(self.control_period_s)
         self._commanded = False
         self._start(memory, setup)
         memory.close_descriptor()
-        answer = self._receive(OPEN_LIMIT_S)
+        try:
+            answer = self._receive(OPEN_LIMIT_S)
+        except BaseException:
+            if self._process is not None:
+                self._process.kill()
+            self._disable()
+            raise
         if isinstance(answer, DeviceInfo):
             self._is_open = True
             return answer
@@ -131,12 +140,25 @@ class WireBackend(ClosesByDamping):
         self._energise()
 
     def damp(self) -> None:
-        """See Backend. Where the wire process is gone, the devices' own watchdogs have done it."""
-        if not self._is_open or self.process_id is None:
+        """See Backend. Where the wire process is gone, its standby does it, and `undamped` says whether."""
+        if not self._is_open:
             return
         self._dead_man.disarm()
         self._board.post(Kind.DAMP, self.clock.now_s(), self._damping)
         self._energise()
+
+    def undamped(self) -> tuple[str, ...] | None:
+        """See Backend. Heard: a joint's own answer, younger than 0.2 s, to the wire process or to its standby."""
+        since_s = self._pulse.damping_since_s if self._is_open else None
+        if since_s is None:
+            return None
+        if self._pulse.taken:
+            since_s, heard_s = 0.0, np.array(self._pulse.answers_s)
+        else:
+            snapshot = self._state.snapshot()
+            heard_s = np.zeros(self.robot.num_joints) if snapshot is None else snapshot.joint_stamp_s
+        late = heard_s < max(since_s, self.clock.now_s() - HEARD_S)
+        return tuple(name for name, is_late in zip(self.robot.joint_names, late.tolist()) if is_late)
 
     def acknowledge(self) -> None:
         """See Backend."""
@@ -146,7 +168,7 @@ class WireBackend(ClosesByDamping):
         self._send("acknowledge")
 
     def close(self) -> None:
-        """See Backend."""
+        """See Backend. Where the standby process has the wire, it damps to rest by itself."""
         if self._is_open and (not self._commanded or self.process_id is None):
             self._is_open = False
             self._disable()
@@ -171,15 +193,19 @@ class WireBackend(ClosesByDamping):
         return self._texts[2], max(0.0, self.clock.now_s() - snapshot.remote_stamp_s)
 
     def _disable(self) -> None:
+        """Let the wire process end, or its standby where that has the wire. One that opens a wire need not be waited
+        for: nothing is switched on."""
         process, self._process = self._process, None
         if process is None:
             return
         self._send("close")
-        try:
-            process.wait(END_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        end_s = time.monotonic() + (END_LIMIT_S if self._commanded else OPENING_END_S)
+        while (left_s := end_s - time.monotonic()) > 0 and self._receive(left_s) is not None:
+            pass
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, end_s - time.monotonic()))
+        process.kill()
+        process.wait()
         self._connection.close()
         self._lock.release()
 
@@ -220,7 +246,8 @@ class WireBackend(ClosesByDamping):
         if not self._is_open or self._process is None:
             raise LinkLost(f"{self.name}: not open")
         if (code := self._process.poll()) is not None:
-            raise LinkLost(f"{self.name}: the wire process has ended with code {code}")
+            standby = ", its standby has the wire" if self._pulse.taken else ""
+            raise LinkLost(f"{self.name}: the wire process has ended with code {code}{standby}")
 
     def _faults(self) -> tuple[str, ...]:
         self._read_texts()

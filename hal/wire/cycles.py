@@ -14,15 +14,17 @@ KEPT_ROUNDS = 60_000
 
 
 class CycleThread:
-    """Runs one cycle until told to stop. `failed(cycle, error)` hears of every round that raises."""
+    """Runs one cycle until told to stop. `failed(cycle, error)` hears of every round that raises, `beat()` of each."""
 
-    def __init__(self, cycle: Cycle, failed: Callable[[Cycle, Exception], None]) -> None:
+    def __init__(
+        self, cycle: Cycle, failed: Callable[[Cycle, Exception], None], beat: Callable[[], None] = lambda: None
+    ) -> None:
         if not cycle.period_s > 0:
             raise ValueError(f"cycle {cycle.name}: got period {cycle.period_s}, expected seconds above 0")
         self.cycle = cycle
         self.scheduling = ""
         self.overruns = self.rounds = self.failures = 0
-        self._failed = failed
+        self._failed, self._beat = failed, beat
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=cycle.name, daemon=True)
         self._late_s: deque[float] = deque(maxlen=KEPT_ROUNDS)
@@ -69,6 +71,7 @@ class CycleThread:
 
     def _round(self, now_s: float) -> None:
         self.rounds += 1
+        self._beat()
         try:
             self.cycle.run(now_s)
         except Exception as error:

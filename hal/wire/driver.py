@@ -1,6 +1,6 @@
 """What a wire's driver must do. It lives in the wire process, which owns the wire."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -26,11 +26,41 @@ class Cycle:
     phase_s: float = 0.0
 
 
+class Damper(Protocol):
+    """Damps the devices of one bus, port or link, and can do nothing else. Picklable until `prepare`.
+
+    It lives in the standby process, in a thread of its own; that calls `prepare` when devices are about to be switched
+    on, and the rest only when the wire process is no more: `damp` every period_s, then `disable` once, then `close`.
+    """
+
+    name: str
+    period_s: float
+
+    def prepare(self) -> None:
+        """Connect as far as can be done beside the wire process, which still owns the wire. Sends nothing."""
+        ...
+
+    def damp(self) -> Collection[str]:
+        """One round: connect where that is still to be done, send damping. The joints that have been heard since.
+
+        Raises DeviceError; it is called again all the same.
+        """
+        ...
+
+    def disable(self) -> None:
+        """Take the drive away. Nobody waits for an answer."""
+        ...
+
+    def close(self) -> None:
+        """Let go."""
+        ...
+
+
 class Driver(Protocol):
     """Devices on wires. Nothing is sent that drives a joint before `enable()`.
 
-    Order of calls: identify, start, then (while the cycles run) enable and acknowledge, at the end (the cycles have
-    stopped) disable if `enable` was called, close always. All but `Cycle.run` are called by the main thread of the
+    Order of calls: identify, dampers, start, then (while the cycles run) enable and acknowledge, at the end (the cycles
+    have stopped) disable if `enable` was called, close always. All but `Cycle.run` are called by the main thread of the
     wire process; a driver guards by itself what it shares with its cycles.
     """
 
@@ -44,6 +74,10 @@ class Driver(Protocol):
 
         Raises DeviceError (DeviceFault where a device answers and refuses), naming everything that is wrong.
         """
+        ...
+
+    def dampers(self) -> Sequence[Damper]:
+        """What damps its devices from another process, once `identify` has returned."""
         ...
 
     def start(self, outbox: Outbox, state: StateBoard) -> Sequence[Cycle]:

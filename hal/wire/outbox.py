@@ -1,12 +1,14 @@
 """What is to be sent now. The loop posts; the wire process repeats, and damps when nobody renews."""
 
 import enum
+import math
 import threading
 from dataclasses import dataclass
 
 import numpy as np
 
 from hal.contract.dead_man import DeadMan
+from hal.wire.pulse import Pulse
 from hal.wire.ring import Ring
 from world.actuation import JointCommand, damping_command
 
@@ -68,17 +70,19 @@ class Outbox:
     """The dead-man rule in the wire process. Every thread of it may ask.
 
     IDLE until `energise()`. Then the newest command, or damping: where the loop asked for it, where the command is
-    older than 3 control periods (latched until `acknowledge()`), and for ever after `halt()`.
+    older than 3 control periods (latched until `acknowledge()`), and for ever after `halt()` or where the standby
+    process has taken the wire.
     """
 
-    def __init__(self, board: CommandBoard, damping_kd: np.ndarray, control_period_s: float) -> None:
-        self._board = board
+    def __init__(self, board: CommandBoard, damping_kd: np.ndarray, control_period_s: float, pulse: Pulse) -> None:
+        self._board, self._pulse = board, pulse
         self._damp = Outgoing(Kind.DAMP, damping_command(damping_kd))
         self._dead_man = DeadMan(control_period_s)
         self._lock = threading.Lock()
         self._serial = 0
         self._outgoing = self._damp
         self._energised = self._halted = self._failed = False
+        self._damps: bool | None = None
 
     def at(self, now_s: float) -> Outgoing:
         """What to send at now_s, on the monotonic clock. Ask each time before sending; never keep the answer."""
@@ -88,7 +92,10 @@ class Outbox:
             late = self._dead_man.expired(now_s)
             if not self._energised:
                 return IDLE
-            return self._damp if late or self._halted or self._failed else self._outgoing
+            damps = late or self._halted or self._failed or self._pulse.taken
+            outgoing = self._damp if damps else self._outgoing
+            self._note(outgoing.kind is Kind.DAMP, now_s)
+            return outgoing
 
     @property
     def latched(self) -> bool:
@@ -121,6 +128,12 @@ class Outbox:
             self._dead_man.acknowledge()
             self._dead_man.disarm()
             self._failed = False
+
+    def _note(self, damps: bool, now_s: float) -> None:
+        """Tell the loop since when damping goes out."""
+        if damps != self._damps:
+            self._damps = damps
+            self._pulse.damping_since_s = now_s if damps else math.inf
 
     def _take(self) -> None:
         posted = self._board.latest()

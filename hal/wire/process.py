@@ -3,15 +3,14 @@
 Started by `WireBackend`; file descriptors of the shared memory and of a socket to the loop are its arguments.
 """
 
-import contextlib
 import gc
-import os
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -19,11 +18,13 @@ import numpy as np
 
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
-from hal.wire.boards import StateBoard
 from hal.wire.cycles import CycleThread
 from hal.wire.driver import Cycle, Driver, DriverFactory
-from hal.wire.outbox import CommandBoard, Outbox
+from hal.wire.outbox import Outbox
 from hal.wire.ring import SharedMemory
+from hal.wire.saying import Saying, say
+from hal.wire.shared import Boards
+from hal.wire.standby import StandbyProcess, fork_standby
 from robot.robot import Robot
 
 WATCH_S = 0.02
@@ -46,13 +47,10 @@ class WireSetup:
 class WireProcess:
     """The life of one driver: identify, cycles, requests from the loop, damping to rest, the end."""
 
-    def __init__(self, connection: Connection, setup: WireSetup, memory: SharedMemory) -> None:
-        joints = setup.robot.num_joints
-        commands = CommandBoard.size(joints)
+    def __init__(self, connection: Connection, setup: WireSetup, boards: Boards, standby: StandbyProcess) -> None:
         self._name, self._connection, self._setup = setup.name, connection, setup
-        self._state = StateBoard(memory.buffer[commands:], joints)
-        board = CommandBoard(memory.buffer[:commands], joints)
-        self._outbox = Outbox(board, setup.robot.damping_kd, setup.control_period_s)
+        self._state, self._pulse, self._standby = boards.state, boards.pulse, standby
+        self._outbox = Outbox(boards.commands, setup.robot.damping_kd, setup.control_period_s, boards.pulse)
         self._threads: list[CycleThread] = []
         self._failures: dict[str, str] = {}
         self._lock = threading.Lock()
@@ -65,11 +63,16 @@ class WireProcess:
         try:
             driver = self._setup.factory(self._setup.robot)
             info = driver.identify()
-            self._threads = [CycleThread(cycle, self._failed) for cycle in driver.start(self._outbox, self._state)]
+            self._standby.brief(driver.dampers())
+            self._threads = [
+                CycleThread(cycle, self._failed, partial(self._pulse.beat, i))
+                for i, cycle in enumerate(driver.start(self._outbox, self._state))
+            ]
         except Exception as error:
             self._reply((type(error).__name__, str(error)))
             if driver is not None:
                 self._attempt("close", driver.close)
+            self._standby.dismiss()
             return 1
         for thread in self._threads:
             thread.start()
@@ -103,6 +106,7 @@ class WireProcess:
 
     def _answer(self, driver: Driver, request: str) -> None:
         if request == "enable":
+            self._pulse.energise()
             self._attempt("enable", driver.enable)
             self._outbox.energise()
         elif request == "acknowledge":
@@ -118,7 +122,9 @@ class WireProcess:
         return {"cycles": cycles, "stats": self._state.all_stats(), "scheduling": scheduling}
 
     def _watch(self) -> None:
-        """Show the loop the counters once a second, and a latched dead man, and say so."""
+        """Show the loop the counters once a second, and a latched dead man; say so, and that nobody stands by."""
+        if self._standby.ended():
+            self._say("the standby process has ended: should this one end as well, nobody damps")
         if (now_s := time.monotonic()) >= self._statistics_due_s:
             self._statistics_due_s = now_s + STATISTICS_S
             counters = {thread.cycle.name: thread.counters() for thread in self._threads}
@@ -147,6 +153,7 @@ class WireProcess:
 
     def _end(self, driver: Driver) -> None:
         self._outbox.halt()
+        self._standby.dismiss()
         for thread in self._threads:
             if not thread.stop(STOP_WAIT_S):
                 self._say(f"{thread.cycle.name} does not end")
@@ -190,8 +197,7 @@ class WireProcess:
             self._outbox.halt()
 
     def _say(self, line: str) -> None:
-        with contextlib.suppress(OSError):  # the console may have gone with the loop
-            os.write(2, f"wire {self._name}: {line}\n".encode())
+        say(f"wire {self._name}: {line}")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -206,7 +212,15 @@ def main(arguments: Sequence[str]) -> int:
     except (EOFError, OSError):
         return 1
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    realtime.lock_memory()
     gc.collect()
     gc.freeze()
-    return WireProcess(connection, setup, memory).run()
+    robot, boards = setup.robot, Boards.of(memory.buffer, setup.robot.num_joints)
+    standby = fork_standby(setup.name, connection, robot.joint_names, setup.control_period_s, boards.pulse)
+    realtime.spare()
+    realtime.lock_memory()
+    realtime.schedule(realtime.PRIORITY, inherited=True)  # who is waited for must not be kept from running
+    saying = Saying()
+    saying.start()
+    code = WireProcess(connection, setup, boards, standby).run()
+    saying.last_words()
+    return code

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pty
+import signal
 import termios
 import threading
 import time
@@ -25,6 +26,7 @@ from hal.verification.record import VerifiedRecord
 from hal.wire.backend import WireBackend
 from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import KNEE_SERIAL, read_journal
+from tests.hal.wire.test_process import wait_until
 
 
 def patient_settings():
@@ -200,6 +202,31 @@ def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monke
     (first_ns, first), (last_ns, last) = said["/clock"][0], said["/clock"][-1]
     assert abs(last["unix_s"] - time.time()) < 60.0
     assert last["unix_s"] - first["unix_s"] == pytest.approx(1e-9 * (last_ns - first_ns), abs=0.2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("phase", ["opening", "preflight"])
+def test_a_signal_before_anything_is_energised_stops_within_5_s(rig, capsys, monkeypatch, number, phase):
+    how = {"identify_s": 60.0} if phase == "opening" else {"mute": True}
+    monkeypatch.setenv("FAKE_WIRE", json.dumps(how))
+    settings = yaml.safe_load(patient_settings())
+    settings["preflight"]["state_wait_s"] = 60.0
+    (rig.folder / "patient.yaml").write_text(yaml.safe_dump(settings))
+    stopped_s = []
+
+    def stop():
+        wait_until(lambda: "identify" in events(rig))
+        time.sleep(0.5)
+        stopped_s.append(time.monotonic())
+        os.kill(os.getpid(), number)
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    assert rig("--dry-run") == 0
+    stopping.join()
+    assert time.monotonic() - stopped_s[0] < 5.0
+    assert "stopped before anything was commanded" in capsys.readouterr().out
+    assert set(events(rig)) <= {"identify", "close"}
 
 
 BAD = [

@@ -12,9 +12,10 @@ from hal.contract.types import DeviceInfo
 from hal.dds.driver import DdsDriver, DdsFactory
 from hal.dds.options import load_dds_options
 from hal.emulator.launch import Emulator
-from hal.wire.boards import Snapshot, StateBoard
+from hal.wire.boards import Snapshot
 from hal.wire.cycles import CycleThread
-from hal.wire.outbox import CommandBoard, Kind, Outbox
+from hal.wire.outbox import Kind, Outbox
+from hal.wire.shared import Boards
 from tests.hal.rigs import G1
 from world.actuation import JointCommand, damping_command
 
@@ -42,9 +43,8 @@ class Host:
     def __init__(self, emulator: Emulator, **changes: Any) -> None:
         self.driver = driver_for(emulator, **changes)
         joints = G1.num_joints
-        self.board = CommandBoard(memoryview(bytearray(CommandBoard.size(joints))), joints)
-        self.state = StateBoard(memoryview(bytearray(StateBoard.size(joints))), joints)
-        self.outbox = Outbox(self.board, G1.damping_kd, 0.02)
+        self.board, self.state, pulse = Boards.of(memoryview(bytearray(Boards.size(joints))), joints)
+        self.outbox = Outbox(self.board, G1.damping_kd, 0.02, pulse)
         self.errors: list[Exception] = []
         self._enabled = False
 

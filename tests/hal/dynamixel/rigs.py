@@ -15,8 +15,9 @@ from hal.emulator.dynamixel import DynamixelDevice
 from hal.emulator.dynamixel_servo import EmulatedServo
 from hal.emulator.faults import COMMON_KINDS, Faults
 from hal.emulator.robot import EmulatedRobot, Joints
-from hal.wire.boards import Snapshot, StateBoard
-from hal.wire.outbox import CommandBoard, Kind, Outbox
+from hal.wire.boards import Snapshot
+from hal.wire.outbox import Kind, Outbox
+from hal.wire.shared import Boards
 from robot.robot import load_robot
 from world.actuation import JointCommand
 from world.plant import Measurement
@@ -84,10 +85,9 @@ class Bench:
     def begin(self) -> None:
         """Identify, and be ready for rounds."""
         self.info = self.driver.identify()
-        commands = memoryview(bytearray(CommandBoard.size(ROBOT.num_joints)))
-        self.board = CommandBoard(commands, ROBOT.num_joints)
-        self.outbox = Outbox(self.board, ROBOT.damping_kd, 1e6)
-        self.state = StateBoard(memoryview(bytearray(StateBoard.size(ROBOT.num_joints))), ROBOT.num_joints)
+        joints = ROBOT.num_joints
+        self.board, self.state, pulse = Boards.of(memoryview(bytearray(Boards.size(joints))), joints)
+        self.outbox = Outbox(self.board, ROBOT.damping_kd, 1e6, pulse)
         self.cycles = self.driver.start(self.outbox, self.state)
 
     def rounds(self, count: int = 1) -> None:

@@ -1,5 +1,6 @@
 """A driver without a wire: the mock device in the wire process, with a journal of what it was told."""
 
+import json
 import os
 import time
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ class FakeFactory:
     """journal: a file that gets one line `time event kp kd tau` per thing done to the device (sums of the gains).
 
     refuse, refuse_with: identify raises. fail_at_s, fail_until_s: in between, counted from opening, a round with a
-    command raises. enable_s: how long enabling takes; enable_fails: it raises.
+    command raises. identify_s, enable_s: how long that takes; enable_fails: it raises. mute: no state arrives.
     """
 
     journal: Path | None = None
@@ -35,7 +36,9 @@ class FakeFactory:
     refuse_with: type[Exception] = DeviceFault
     fail_at_s: float = float("inf")
     fail_until_s: float = float("inf")
+    identify_s: float = 0.0
     enable_s: float = 0.0
+    mute: bool = False
     enable_fails: bool = False
     buttons: tuple[str, ...] = ()
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
@@ -63,12 +66,16 @@ class FakeDriver:
 
     def identify(self):
         self.note("identify")
+        time.sleep(self.setup.identify_s)
         if self.setup.refuse:
             raise self.setup.refuse_with(self.setup.refuse)
         identities = {"left_knee_joint": KNEE_SERIAL}
         if "FAKE_WIRE_SERIAL" in os.environ:
             identities["bus fake"] = os.environ["FAKE_WIRE_SERIAL"]
         return DeviceInfo("fake", self.joint_names, details={"wire": "none"}, identities=identities)
+
+    def dampers(self):
+        return [FakeDamper(self.setup.journal, tuple(self.joint_names))]
 
     def start(self, outbox, state):
         self.outbox, self.state = outbox, state
@@ -91,6 +98,8 @@ class FakeDriver:
     def publish(self):
         try:
             seen = self.device.read()
+            if self.setup.mute:
+                return
         except DeviceError:
             return
         heard_s = seen.time_s - seen.joint_age_s
@@ -122,10 +131,40 @@ class FakeDriver:
             self.file.close()
 
 
+@dataclass
+class FakeDamper:
+    """Notes what the standby process does, in the same journal; it has nothing else to damp."""
+
+    journal: Path | None
+    joints: tuple[str, ...]
+    name: str = "fake"
+    period_s: float = CYCLE_S
+
+    def note(self, event):
+        if self.journal:
+            with self.journal.open("a") as file:
+                file.write(f"{time.monotonic()} {event} 0.0 0.0 0.0\n")
+
+    def prepare(self):
+        return
+
+    def damp(self):
+        self.note("STANDBY_DAMP")
+        return self.joints
+
+    def disable(self):
+        self.note("standby_disable")
+
+    def close(self):
+        self.note("standby_close")
+
+
 def make_factory(config, endpoints):
-    """The journal's place comes from the environment: this driver has no configuration to speak of."""
+    """Set by the environment: this driver has no configuration to speak of."""
     journal = os.environ.get("FAKE_WIRE_JOURNAL")
-    return FakeFactory(journal=Path(journal) if journal else None, buttons=tuple(endpoints))
+    place = Path(journal) if journal else None
+    how = json.loads(os.environ.get("FAKE_WIRE", "{}"))
+    return FakeFactory(journal=place, buttons=tuple(endpoints), **how)
 
 
 def fake_backend(robot=G1, control_period_s=0.02, **setup):

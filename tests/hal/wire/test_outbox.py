@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hal.wire.outbox import CommandBoard, Kind, Outbox
+from hal.wire.outbox import Kind, Outbox
+from hal.wire.shared import Boards
 from world.actuation import JointCommand
 
 KD = np.array([2.0, 3.0])
@@ -12,8 +13,8 @@ PERIOD_S = 0.02
 
 @pytest.fixture
 def rig():
-    buffer = memoryview(bytearray(CommandBoard.size(2)))
-    return CommandBoard(buffer, 2), Outbox(CommandBoard(buffer, 2), KD, PERIOD_S)
+    boards = Boards.of(memoryview(bytearray(Boards.size(2))), 2)
+    return boards.commands, Outbox(boards.commands, KD, PERIOD_S, boards.pulse)
 
 
 def command(value=1.0):
@@ -107,3 +108,28 @@ def test_after_the_halt_nothing_but_damping(rig):
     outbox.acknowledge()
     board.post(Kind.TRACK, 1.02, command())
     assert damping_of(outbox.at(1.02))
+
+
+def test_a_wire_process_that_wakes_up_after_its_standby_has_taken_over_only_damps(rig):
+    board, outbox = rig
+    outbox.energise()
+    board.post(Kind.TRACK, 0.0, command())
+    assert outbox.at(0.0).kind is Kind.TRACK
+    outbox._pulse.take()
+    board.post(Kind.TRACK, 0.01, command())
+    assert damping_of(outbox.at(0.01))
+    outbox.acknowledge()
+    board.post(Kind.TRACK, 0.02, command())
+    assert damping_of(outbox.at(0.02))
+
+
+def test_the_loop_is_told_since_when_damping_goes_out(rig):
+    board, outbox = rig
+    outbox.energise()
+    board.post(Kind.TRACK, 1.0, command())
+    outbox.at(1.0)
+    assert outbox._pulse.damping_since_s == np.inf
+    board.post(Kind.DAMP, 1.01, command())
+    outbox.at(1.02)
+    outbox.at(1.03)
+    assert outbox._pulse.damping_since_s == 1.02

@@ -189,7 +189,7 @@ def test_a_wire_process_that_dies_is_a_lost_link():
                 act()
         backend.damp()
         begun_s = time.monotonic()
-    assert time.monotonic() - begun_s < 1.0
+    assert time.monotonic() - begun_s < 5.0
 
 
 def test_the_remote_is_heard():
