@@ -8,16 +8,20 @@ from core.structured import at_least, none_negative, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
+LONGEST_VIOLATION_S = 0.5
 
 
 class _Checked:
-    """Every number of a settings class is finite and not negative; `ticks` count from 1."""
+    """Every number of a settings class is finite and not negative.
+
+    `for_s`: how long a violation lasts before it trips, at most 0.5 s whatever the control period.
+    """
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         none_negative(self)
-        if hasattr(self, "ticks"):
-            at_least("ticks", self.ticks, 1)
+        if hasattr(self, "for_s"):
+            within("for_s", self.for_s, 0.0, LONGEST_VIOLATION_S)
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,11 @@ class Share(_Checked):
 
 
 @dataclass(frozen=True)
-class ShareTicks(_Checked):
+class JointSpeedSettings(_Checked):
     """Likewise, sustained."""
 
     factor: float
-    ticks: int
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ class PositionRangeSettings(_Checked):
     """Beyond the hard range by this margin, sustained."""
 
     margin_rad: float
-    ticks: int
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,29 @@ class TiltSettings(_Checked):
     """Largest lean of the base, sustained."""
 
     max_rad: float
-    ticks: int
+    for_s: float
+
+
+@dataclass(frozen=True)
+class BaseRateSettings(_Checked):
+    """Fastest turn of the base about any axis, sustained."""
+
+    max_rad_s: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class TorqueSaturationSettings(_Checked):
+    """So many joints at so large a share of their torque limits, sustained."""
+
+    factor: float
+    joints: int
+    for_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("joints", self.joints, 1)
 
 
 @dataclass(frozen=True)
@@ -101,7 +127,22 @@ class InferenceSettings(_Checked):
     """Longest inference in control periods, sustained."""
 
     periods: float
-    ticks: int
+    for_s: float
+
+
+@dataclass(frozen=True)
+class OverrunSettings(_Checked):
+    """Missed deadlines: so many ticks in a row, or a share of those in a window of time."""
+
+    in_a_row: int
+    share: float
+    window_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("in_a_row", self.in_a_row, 1)
+        within("share", self.share, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -109,7 +150,7 @@ class TemperatureSettings(_Checked):
     """Hottest motor, sustained."""
 
     max_c: float
-    ticks: int
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -119,10 +160,13 @@ class SafetySettings:
     torque_limit: Share
     soft_position: Share
     position_range: PositionRangeSettings
-    joint_speed: ShareTicks
+    joint_speed: JointSpeedSettings
+    torque_saturation: TorqueSaturationSettings
     tilt: TiltSettings
+    base_rate: BaseRateSettings
     stale: StaleSettings
     inference_overrun: InferenceSettings
+    overrun: OverrunSettings
     temperature: TemperatureSettings
 
 

@@ -43,14 +43,17 @@ class Tick:
         reading: RobotState | DeviceError,
         requests: Sequence[Request] = (),
         inference_s: float = 0.0,
+        overran: bool = False,
         lap: Callable[[str], None] | None = None,
     ) -> TickResult:
-        """reading: the state, or what prevented reading it. inference_s: how long the actor took a tick before."""
+        """reading: the state, or what prevented reading it. inference_s: how long the actor took a tick before.
+        overran: whether that tick missed the deadline of this one.
+        """
         machine, guard = self.machine, self.guard
         state = None if isinstance(reading, DeviceError) else reading
         modes: list[Mode] = [] if machine.mode is self._mode else [machine.mode]
         self._mode = machine.mode
-        if fault := self._fault_of(reading, inference_s):
+        if fault := self._fault_of(reading, inference_s, overran):
             machine.trip(fault)
         self._note(modes)
         refused = []
@@ -70,11 +73,11 @@ class Tick:
             command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output
         )
 
-    def _fault_of(self, reading: RobotState | DeviceError, inference_s: float) -> Fault | None:
+    def _fault_of(self, reading: RobotState | DeviceError, inference_s: float, overran: bool) -> Fault | None:
         if isinstance(reading, DeviceError):
             return self.guard.check_reading(reading)
         moving = self.machine.mode not in RESTING
-        return self.guard.check(make_sample(reading, inference_s), moving=moving)
+        return self.guard.check(make_sample(reading, inference_s, overran), moving=moving)
 
     def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
         machine, guard = self.machine, self.guard

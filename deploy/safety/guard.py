@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
-from deploy.safety.rules import Fault, LimitRule, Sample, TripRule, Wish
+from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
 from deploy.safety.trips import CLOCK_GRAIN_S, trip_rules
 from deploy.settings import DeploySettings
 from hal.contract.types import DeviceError, DeviceFault, RobotState
@@ -31,24 +31,20 @@ class Guard:
             TorqueLimit(robot, safety.torque_limit.factor, report_only),
         )
         self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s)
-        self._run = {rule.name: 0 for rule in self._trips}
+        self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)
         self._names = robot.joint_names
-        names = [*(rule.name for rule in self._limits), *self._run, *OTHER_RULES]
+        names = [*(rule.name for rule in self._limits), *self._tallies, *OTHER_RULES]
         self.counts: dict[str, int] = dict.fromkeys(names, 0)
 
     def check(self, sample: Sample, *, moving: bool) -> Fault | None:
         """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
         for rule in self._trips:
             detail = rule.violation(sample) if moving or not rule.moving else None
-            if detail is None:
-                self._run[rule.name] = 0
-                continue
-            self.counts[rule.name] += 1
-            self._run[rule.name] += 1
-            if self._run[rule.name] >= rule.ticks:
-                return Fault(rule.name, detail)
+            self.counts[rule.name] += detail is not None
+            if self._tallies[rule.name].lasts(detail is not None):
+                return Fault(rule.name, detail or "")
         return None
 
     def check_reading(self, error: DeviceError) -> Fault:
@@ -80,5 +76,6 @@ class Guard:
 
     def reset(self) -> None:
         """Forget violations in a row and what was last sent; the counts stay."""
-        self._run = dict.fromkeys(self._run, 0)
+        for tally in self._tallies.values():
+            tally.reset()
         self._late_hold.reset()
