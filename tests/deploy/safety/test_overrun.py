@@ -12,11 +12,8 @@ from deploy.safety.guard import Guard
 from deploy.safety.rules import make_sample
 from hal.simulated.faults import MockFault
 from hal.simulated.mock import MockBackend, MockOptions
-from hal.simulated.mujoco import MujocoBackend
-from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, linear_run, state
+from tests.deploy.toys import HALF_RATE_S, PERIOD_S, ROBOT, SETTINGS, LateBackend, linear_run, state
 from world.options import load_sim_options
-
-HALF_RATE_S = 0.035
 
 
 def tripped_on(late, *, moving=True):
@@ -78,18 +75,6 @@ def test_mock_at_half_its_rate(tmp_path):
     assert Mode.TRACKING in modes and modes[-1] is Mode.DAMPING
     assert cell.machine.fault.rule == "overrun" and took_s < 0.2
     assert cell.guard.counts["overrun"] == 3
-
-
-class LateBackend(MujocoBackend):
-    """What was read reaches the loop 35 ms later; the physics goes on meanwhile."""
-
-    late = False
-
-    def read(self):
-        reading = super().read()
-        if self.late:
-            self.clock.sleep_until(self.clock.now_s() + HALF_RATE_S)
-        return reading
 
 
 @pytest.mark.parametrize("name", ["side_kick", "charleston"])
