@@ -64,7 +64,7 @@ class _Watch:
     def tick(self, backend: Backend, runs: Sequence[ActorRun], guard: Guard, timer: PhaseTimer) -> None:
         """Read, judge, infer."""
         try:
-            state = backend.read()
+            state = guard.believed(backend.read())
         except DeviceError as error:
             self._note(guard.check_reading(error))
             return

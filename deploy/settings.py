@@ -115,6 +115,15 @@ class TorqueSaturationSettings(_Checked):
 
 
 @dataclass(frozen=True)
+class PlausibilitySettings(_Checked):
+    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ."""
+
+    speed: float
+    mismatch: float
+    for_s: float
+
+
+@dataclass(frozen=True)
 class StaleSettings(_Checked):
     """Age of a state in control periods."""
 
@@ -164,6 +173,7 @@ class SafetySettings:
     torque_saturation: TorqueSaturationSettings
     tilt: TiltSettings
     base_rate: BaseRateSettings
+    implausible: PlausibilitySettings
     stale: StaleSettings
     inference_overrun: InferenceSettings
     overrun: OverrunSettings

@@ -50,10 +50,10 @@ class Tick:
         overran: whether that tick missed the deadline of this one.
         """
         machine, guard = self.machine, self.guard
-        state = None if isinstance(reading, DeviceError) else reading
+        state = None if isinstance(reading, DeviceError) else guard.believed(reading)
         modes: list[Mode] = [] if machine.mode is self._mode else [machine.mode]
         self._mode = machine.mode
-        if fault := self._fault_of(reading, inference_s, overran):
+        if fault := self._fault_of(reading if state is None else state, inference_s, overran):
             machine.trip(fault)
         self._note(modes)
         refused = []

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
+from deploy.safety.plausible import Plausibility
 from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
-from deploy.safety.trips import CLOCK_GRAIN_S, trip_rules
+from deploy.safety.trips import CLOCK_GRAIN_S, ticks_of, trip_rules
 from deploy.settings import DeploySettings
 from hal.contract.types import DeviceError, DeviceFault, RobotState
 from robot.robot import Robot
@@ -24,19 +25,24 @@ class Guard:
 
     def __init__(self, robot: Robot, settings: DeploySettings, period_s: float, *, report_only: bool = False) -> None:
         safety = settings.safety
-        self._late_hold = StaleHold(safety.stale.limit_periods * period_s - CLOCK_GRAIN_S)
+        self._gate = Plausibility(robot, safety.implausible, period_s, ticks_of(safety.implausible.for_s, period_s))
+        self._late_hold = StaleHold(safety.stale.limit_periods * period_s - CLOCK_GRAIN_S, self._gate)
         self._limits: tuple[LimitRule, ...] = (
             self._late_hold,
             SoftPosition(robot, safety.soft_position.factor, report_only),
             TorqueLimit(robot, safety.torque_limit.factor, report_only),
         )
-        self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s)
+        self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s, self._gate)
         self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)
         self._names = robot.joint_names
         names = [*(rule.name for rule in self._limits), *self._tallies, *OTHER_RULES]
         self.counts: dict[str, int] = dict.fromkeys(names, 0)
+
+    def believed(self, reading: RobotState) -> RobotState:
+        """What is believed of a reading: all but samples that no movement leads to. See Plausibility."""
+        return self._gate.believed(reading)
 
     def check(self, sample: Sample, *, moving: bool) -> Fault | None:
         """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""

@@ -8,11 +8,16 @@ from robot.robot import Robot
 CLOCK_GRAIN_S = 1e-6
 
 
-def trip_rules(robot: Robot, safety: SafetySettings, period_s: float) -> tuple[TripRule, ...]:
-    """All rules that look at a state, in the order in which they are asked."""
+def ticks_of(lasting_s: float, period_s: float) -> int:
+    """Control ticks in a row that a violation of this length takes; at least one."""
+    return max(1, round(lasting_s / period_s))
+
+
+def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: TripRule) -> tuple[TripRule, ...]:
+    """All rules that look at a state, in the order in which they are asked. gate: that on what is believed of it."""
 
     def ticks(lasting_s: float) -> int:
-        return max(1, round(lasting_s / period_s))
+        return ticks_of(lasting_s, period_s)
 
     s = safety
     inference_s = s.inference_overrun.periods * period_s
@@ -21,6 +26,7 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float) -> tuple[T
     return (
         health.StateNotFinite(robot),
         health.DeviceReport(),
+        gate,
         health.Stale(robot, s.stale.trip_periods * period_s - CLOCK_GRAIN_S),
         health.Temperature(robot, s.temperature.max_c, ticks(s.temperature.for_s)),
         body.PositionRange(robot, s.position_range.margin_rad, ticks(s.position_range.for_s)),
