@@ -9,7 +9,7 @@ import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
 from deploy.actor_run import ActorRun
-from deploy.actors import check_same_period, check_same_scene, load_run
+from deploy.actors import check_bounds, check_same_period, check_same_scene, load_run
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import RECORDS, DryRunRecord, dry_run, require_records
@@ -84,7 +84,10 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack) -> _Setup:
         check_meshes(robot, options.meshes)
     actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
-    period_s = check_same_period([*actors, *([] if stand is None else [stand])])
+    runs = [*actors, *([] if stand is None else [stand])]
+    for run in runs:
+        check_bounds(run, robot, settings.actor)
+    period_s = check_same_period(runs)
     if options.on_real_wire and not (options.dry_run or options.first_run_ok):
         require_records([(actor.name, _record(options, actor)) for actor in actors], RECORDS)
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()

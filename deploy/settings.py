@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.config import config_file, load_options
-from core.structured import at_least, none_negative, positive, within
+from core.structured import at_least, none_negative, ordered, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
@@ -31,6 +31,21 @@ class EntrySettings(_Checked):
     joint_rad: float
     tilt_rad: float
     ang_vel_rad_s: float
+
+
+@dataclass(frozen=True)
+class ActorSettings(_Checked):
+    """What a robot takes of an actor. gains: smallest and largest kp and kd, of the robot's own."""
+
+    gains: tuple[float, float]
+    action_scale_rad: float
+    control_period_s: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        ordered("gains", self.gains)
+        ordered("control_period_s", self.control_period_s)
 
 
 @dataclass(frozen=True)
@@ -200,6 +215,7 @@ class PreflightSettings(_Checked):
 class DeploySettings(_Checked):
     """Everything in one file of configs/deploy."""
 
+    actor: ActorSettings
     entry: EntrySettings
     blend_s: float
     stand_up: StandUpSettings

@@ -82,7 +82,7 @@ class Tick:
     def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
         machine, guard = self.machine, self.guard
         wish = machine.advance(state, lap)
-        if isinstance(wish, Wish) and (fault := guard.check_action(wish)):
+        if isinstance(wish, Wish) and (fault := guard.check_action(wish, machine.output)):
             machine.trip(fault)
         elif isinstance(wish, Fault):
             machine.trip(guard.counted(wish))

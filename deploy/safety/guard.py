@@ -10,6 +10,7 @@ from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
 from deploy.safety.trips import CLOCK_GRAIN_S, ticks_of, trip_rules
 from deploy.settings import DeploySettings
 from hal.contract.types import DeviceError, DeviceFault, RobotState
+from policy.controller import PolicyOutput
 from robot.robot import Robot
 from world.actuation import JointCommand
 
@@ -58,12 +59,13 @@ class Guard:
         rule = "device_fault" if isinstance(error, DeviceFault) else "link_loss"
         return self.counted(Fault(rule, str(error)))
 
-    def check_action(self, wish: Wish) -> Fault | None:
-        """A wish that is not a number."""
-        if math.isfinite(float(wish.target_rad.sum())):
-            return None
-        bad = [name for name, target in zip(self._names, wish.target_rad) if not math.isfinite(target)]
-        return self.counted(Fault("action_not_finite", f"target of {', '.join(bad[:3])} is not a number"))
+    def check_action(self, wish: Wish, output: PolicyOutput | None = None) -> Fault | None:
+        """A wish that is not a number, or an actor's action that was none before it was clipped and blended."""
+        for what, values in (("action", None if output is None else output.action), ("target", wish.target_rad)):
+            if values is not None and not np.isfinite(values).all():
+                bad = [name for name, value in zip(self._names, values) if not math.isfinite(value)]
+                return self.counted(Fault("action_not_finite", f"{what} of {', '.join(bad[:3])} is not a number"))
+        return None
 
     def counted(self, fault: Fault) -> Fault:
         """Count a fault that was found outside the rules on a state."""

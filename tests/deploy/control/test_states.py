@@ -331,6 +331,16 @@ def test_an_action_that_is_not_a_number_is_never_sent(folder):
     assert result.command is None and result.fault.rule == "action_not_finite" and result.mode is Mode.DAMPING
 
 
+def test_an_infinite_action_is_never_sent_though_its_target_was_clipped(folder):
+    """The action's clip makes a finite target of it: full torque for a tick."""
+    stage = Stage(folder).bring_to(Mode.TRACKING)
+    output = replace(replace_target(stage, 3.0), action=np.where(np.arange(JOINTS) == KNEE, np.inf, 0.0))
+    stage.machine.active.act = lambda s, lap=None: output
+    result = stage()
+    assert result.command is None and result.mode is Mode.DAMPING
+    assert str(result.fault) == "action_not_finite: action of left_knee_joint is not a number"
+
+
 def replace_target(stage, value):
     from policy.controller import PolicyOutput
 
