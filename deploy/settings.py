@@ -178,6 +178,15 @@ class TemperatureSettings(_Checked):
 
 
 @dataclass(frozen=True)
+class WindingSettings(_Checked):
+    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
+
+    below_limit_c: float
+    warn_s: float
+    for_s: float
+
+
+@dataclass(frozen=True)
 class SafetySettings:
     """Thresholds of every rule that has one, by the rule's name."""
 
@@ -193,6 +202,7 @@ class SafetySettings:
     inference_overrun: InferenceSettings
     overrun: OverrunSettings
     temperature: TemperatureSettings
+    winding_temperature: WindingSettings
 
 
 @dataclass(frozen=True)

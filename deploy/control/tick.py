@@ -17,7 +17,8 @@ class TickResult:
     """command: to be written, or None: the joints are damped, or left alone in IDLE.
 
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
-    stop was cleared. actor, output: who moved the joints and what it computed; None where none did.
+    stop was cleared. actor, output: who moved the joints and what it computed; None where none did. warning: what will
+    trip before long; it has asked for HOLD.
     """
 
     command: JointCommand | None
@@ -28,6 +29,7 @@ class TickResult:
     acknowledged: bool
     actor: ActorRun | None
     output: PolicyOutput | None
+    warning: str | None = None
 
 
 class Tick:
@@ -56,6 +58,8 @@ class Tick:
         if fault := self._fault_of(reading if state is None else state, inference_s, overran):
             machine.trip(fault)
         self._note(modes)
+        if guard.warning is not None and machine.mode is Mode.TRACKING:
+            machine.request(Request.HOLD, state)
         refused = []
         acknowledged = False
         for request in requests:
@@ -70,7 +74,15 @@ class Tick:
             guard.reset()
         output = None if state is None else machine.output
         return TickResult(
-            command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output
+            command,
+            machine.mode,
+            tuple(modes),
+            machine.fault,
+            tuple(refused),
+            acknowledged,
+            machine.active,
+            output,
+            guard.warning,
         )
 
     def _fault_of(self, reading: RobotState | DeviceError, inference_s: float, overran: bool) -> Fault | None:

@@ -17,6 +17,7 @@ class Console:
     def __init__(self, *, refusals: bool) -> None:
         self._refusals = refusals
         self._fault: Fault | None = None
+        self._warned = False
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
@@ -27,6 +28,9 @@ class Console:
             self._fault = result.fault
             if result.fault is not None:
                 print(f"fault: {result.fault}", file=sys.stderr, flush=True)
+        if result.warning is not None and not self._warned:
+            print(f"warning: {result.warning}", file=sys.stderr, flush=True)
+        self._warned = result.warning is not None
         if result.refused and self._refusals:
             for refusal in result.refused:
                 print(refusal, file=sys.stderr, flush=True)

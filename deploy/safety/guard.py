@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from deploy.safety.health import WindingTemperature
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
 from deploy.safety.plausible import Plausibility
 from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
@@ -53,6 +54,12 @@ class Guard:
             if self._tallies[rule.name].lasts(detail is not None):
                 return Fault(rule.name, detail or "")
         return None
+
+    @property
+    def warning(self) -> str | None:
+        """What will trip before long if the load stays as it is, or None."""
+        warnings = (rule.warning for rule in self._trips if isinstance(rule, WindingTemperature))
+        return next(warnings, None)
 
     def check_reading(self, error: DeviceError) -> Fault:
         """A read that failed: the device refuses, or the way to it is gone."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from deploy.safety.rules import Sample, TripRule
 from robot.robot import Robot
+from robot.thermal import MotorHeat, ThermalFigures
 
 
 class StateNotFinite(TripRule):
@@ -117,3 +118,38 @@ class Overrun(TripRule):
     def violation(self, sample: Sample) -> str | None:
         """See TripRule."""
         return f"a deadline missed again, {self._allowed}" if sample.overran else None
+
+
+class WindingTemperature(TripRule):
+    """A motor's winding, by the model of its heat, comes too near its limit.
+
+    warning: what is to be said before, while no more than `warn_s` are left at the load of late; None otherwise.
+    """
+
+    name = "winding_temperature"
+    moving = False
+
+    def __init__(self, robot: Robot, figures: ThermalFigures, max_c: float, warn_s: float, ticks: int) -> None:
+        self.ticks = ticks
+        self.warning: str | None = None
+        self._names = robot.joint_names
+        self._heat = MotorHeat(robot.torque_limit_nm, figures)
+        self._max_c, self._warn_s = max_c, warn_s
+        self._last_s: float | None = None
+
+    def violation(self, sample: Sample) -> str | None:
+        """See TripRule. The model goes on by the time since the sample before."""
+        state = sample.state
+        lasted_s = 0.0 if self._last_s is None else max(0.0, state.time_s - self._last_s)
+        self._last_s = state.time_s
+        self._heat.step(state.joint_torque_nm, lasted_s, state.temperature_c)
+        left_s = self._heat.left_s()
+        first = int(np.argmin(left_s))
+        self.warning = None
+        if left_s[first] <= self._warn_s:
+            self.warning = f"{self._names[first]} will be too hot in {left_s[first] / 60.0:.1f} minutes at this load"
+        winding_c = self._heat.winding_c
+        joint = int(np.argmax(winding_c))
+        if not winding_c[joint] > self._max_c:
+            return None
+        return f"winding of {self._names[joint]} at {winding_c[joint]:.0f} C, limit {self._max_c:.0f} C"

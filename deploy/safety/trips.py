@@ -21,6 +21,11 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: Trip
 
     s = safety
     inference_s = s.inference_overrun.periods * period_s
+    winding: list[TripRule] = []
+    if robot.thermal is not None:
+        w = s.winding_temperature
+        max_c = robot.thermal.limit_c - w.below_limit_c
+        winding = [health.WindingTemperature(robot, robot.thermal, max_c, w.warn_s, ticks(w.for_s))]
     window = ticks(s.overrun.window_s)
     often = max(1, round(s.overrun.share * window)), window
     return (
@@ -29,6 +34,7 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: Trip
         gate,
         health.Stale(robot, s.stale.trip_periods * period_s - CLOCK_GRAIN_S),
         health.Temperature(robot, s.temperature.max_c, ticks(s.temperature.for_s)),
+        *winding,
         body.PositionRange(robot, s.position_range.margin_rad, ticks(s.position_range.for_s)),
         body.JointSpeed(robot, s.joint_speed.factor, ticks(s.joint_speed.for_s)),
         body.Tilt(s.tilt.max_rad, ticks(s.tilt.for_s)),
