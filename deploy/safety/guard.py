@@ -94,3 +94,4 @@ class Guard:
         for tally in self._tallies.values():
             tally.reset()
         self._late_hold.reset()
+        self._gate.reset()

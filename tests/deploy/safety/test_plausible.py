@@ -94,6 +94,18 @@ def test_three_in_a_row_trip(wrong, tick):
     assert tripped == tick
 
 
+@pytest.mark.parametrize("jump_rad", [0.25, 0.5, 1.0])
+def test_a_zero_that_is_lost_while_running_trips_and_is_the_truth_at_rest(jump_rad):
+    guard = Guard(ROBOT, SETTINGS, PERIOD_S)
+    for now in range(2):
+        guard.believed(state(time_s=now * PERIOD_S))
+    readings = [lie(state(time_s=now * PERIOD_S), WAIST, jump_rad, 0.0) for now in range(2, 6)]
+    faults = [guard.check(make_sample(guard.believed(reading)), moving=True) for reading in readings[:3]]
+    assert faults[:2] == [None, None] and faults[2].rule == "implausible"
+    guard.reset()
+    assert guard.believed(readings[3]) is readings[3]
+
+
 def test_the_fastest_movement_is_believed():
     """From rest to the speed limit and back within five ticks each, at the largest speed that a motor allows."""
     guard, pos_rad, speed_rad_s = Guard(ROBOT, SETTINGS, PERIOD_S), ROBOT.default_pos_rad.copy(), np.zeros(JOINTS)
