@@ -1,10 +1,13 @@
 """Actors by name or file, made ready to run on a robot, each with the motion that it tracks."""
 
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.settings import EntrySettings
+from deploy.settings import ActorSettings, EntrySettings
 from motion.clip import clip_from_bytes
 from motion.clip_set import NamedClip
 from motion.feedforward import with_feedforward
@@ -15,6 +18,9 @@ from policy.observation import asks_for
 from policy.spec import motion_info
 from robot.robot import Robot
 from world.scene import Scene
+
+ROUNDING = 1e-6
+Bound = np.ndarray | float
 
 
 def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
@@ -39,6 +45,33 @@ def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: R
     if asks_for(actor.spec.observations, "reference_feedforward"):
         reference = with_feedforward(robot, reference)
     return ActorRun(actor, robot, entry, reference)
+
+
+def check_bounds(run: ActorRun, robot: Robot, bounds: ActorSettings) -> None:
+    """What an actor's file asks of the joints must suit the robot. Raises InputError naming joint and field."""
+    spec = run.actor.spec
+    period = spec.control_period_s
+    _within(run, "control_period_s", [""], np.array([period]), *bounds.control_period_s)
+    _within(run, "action_scale", spec.joint_names, spec.action_scale, 0.0, bounds.action_scale_rad)
+    held = spec.held_joints
+    names = (*spec.joint_names, *(joint.name for joint in held))
+    pose, kp, kd = (
+        np.concatenate([moved, [getattr(joint, field) for joint in held]])[robot.joint_index(names)]
+        for moved, field in ((spec.default_pos_rad, "pos_rad"), (spec.kp, "kp"), (spec.kd, "kd"))
+    )
+    _within(run, "default_pos_rad", robot.joint_names, pose, robot.pos_lower_rad, robot.pos_upper_rad)
+    low, high = bounds.gains
+    _within(run, "kp", robot.joint_names, kp, low * robot.kp, high * robot.kp)
+    _within(run, "kd", robot.joint_names, kd, low * robot.kd, high * robot.kd)
+
+
+def _within(run: ActorRun, what: str, names: Sequence[str], values: np.ndarray, low: Bound, high: Bound) -> None:
+    low, high = np.broadcast_to(low, values.shape), np.broadcast_to(high, values.shape)
+    bad = np.flatnonzero((values < low - ROUNDING) | (values > high + ROUNDING))
+    if bad.size:
+        got = ", ".join(f"{names[i]} {values[i]:g}".strip() for i in bad[:3])
+        expected = f"a number in [{low[bad[0]]:g}, {high[bad[0]]:g}]"
+        raise InputError("not fit for this robot", where=f"{run.actor.path}: {what}", got=got, expected=expected)
 
 
 def check_same_period(runs: list[ActorRun]) -> float:

@@ -15,6 +15,7 @@ from deploy.safety.rules import Fault, Wish, make_sample
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, RobotState
+from policy.controller import PolicyOutput
 
 
 def dry_run(
@@ -56,7 +57,7 @@ class _Watch:
     def tick(self, backend: Backend, runs: Sequence[ActorRun], guard: Guard, timer: PhaseTimer) -> None:
         """Read, judge, infer."""
         try:
-            state = backend.read()
+            state = guard.believed(backend.read())
         except DeviceError as error:
             self._note(guard.check_reading(error))
             return
@@ -67,7 +68,7 @@ class _Watch:
             begun_s = time.perf_counter()
             output = run.act(state, timer.lap)
             self._infer_s[run.name].append(time.perf_counter() - begun_s)
-            self._command(Wish(output.target_rad, output.kp, output.kd), state, guard)
+            self._command(output, state, guard)
         timer.lap("guard")
         timer.end(sample.age_s)
 
@@ -88,8 +89,9 @@ class _Watch:
         p99_ms = 1e3 * float(np.percentile(spent_s, 99.0)) if spent_s else math.inf
         return Check(f"dry run: actor {name}", p99_ms < 1e3 * period_s, f"p99 {p99_ms:.2f} ms")
 
-    def _command(self, wish: Wish, state: RobotState, guard: Guard) -> None:
-        fault = guard.check_action(wish)
+    def _command(self, output: PolicyOutput, state: RobotState, guard: Guard) -> None:
+        wish = Wish(output.target_rad, output.kp, output.kd)
+        fault = guard.check_action(wish, output)
         self._note(fault)
         if fault is None:
             guard.command(wish, state)

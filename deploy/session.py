@@ -11,7 +11,7 @@ import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
 from deploy.actor_run import ActorRun
-from deploy.actors import check_same_period, check_same_scene, load_run
+from deploy.actors import check_bounds, check_same_period, check_same_scene, load_run
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import dry_run
@@ -105,7 +105,10 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
         check_meshes(robot, options.meshes)
     actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
-    period_s = check_same_period([*actors, *([] if stand is None else [stand])])
+    runs = [*actors, *([] if stand is None else [stand])]
+    for run in runs:
+        check_bounds(run, robot, settings.actor)
+    period_s = check_same_period(runs)
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()
     backend = open_backend(
         options.backend,

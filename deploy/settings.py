@@ -5,23 +5,27 @@ from pathlib import Path
 from typing import Literal
 
 from core.config import config_file, load_options
-from core.structured import at_least, none_negative, positive, within
+from core.structured import at_least, none_negative, ordered, positive, within
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
 FASTEST_LOWERING_S = 2.0
 FASTEST_FADE_S = 0.5
 STIFFEST_LOWERING = 3.0
+LONGEST_VIOLATION_S = 0.5
 
 
 class _Checked:
-    """Every number of a settings class is finite and not negative; `ticks` count from 1."""
+    """Every number of a settings class is finite and not negative.
+
+    `for_s`: how long a violation lasts before it trips, at most 0.5 s whatever the control period.
+    """
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         none_negative(self)
-        if hasattr(self, "ticks"):
-            at_least("ticks", self.ticks, 1)
+        if hasattr(self, "for_s"):
+            within("for_s", self.for_s, 0.0, LONGEST_VIOLATION_S)
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,21 @@ class EntrySettings(_Checked):
     joint_rad: float
     tilt_rad: float
     ang_vel_rad_s: float
+
+
+@dataclass(frozen=True)
+class ActorSettings(_Checked):
+    """What a robot takes of an actor. gains: smallest and largest kp and kd, of the robot's own."""
+
+    gains: tuple[float, float]
+    action_scale_rad: float
+    control_period_s: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        ordered("gains", self.gains)
+        ordered("control_period_s", self.control_period_s)
 
 
 @dataclass(frozen=True)
@@ -108,11 +127,11 @@ class Share(_Checked):
 
 
 @dataclass(frozen=True)
-class ShareTicks(_Checked):
+class JointSpeedSettings(_Checked):
     """Likewise, sustained."""
 
     factor: float
-    ticks: int
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -120,7 +139,7 @@ class PositionRangeSettings(_Checked):
     """Beyond the hard range by this margin, sustained."""
 
     margin_rad: float
-    ticks: int
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -128,7 +147,38 @@ class TiltSettings(_Checked):
     """Largest lean of the base, sustained."""
 
     max_rad: float
-    ticks: int
+    for_s: float
+
+
+@dataclass(frozen=True)
+class BaseRateSettings(_Checked):
+    """Fastest turn of the base about any axis, sustained."""
+
+    max_rad_s: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class TorqueSaturationSettings(_Checked):
+    """So many joints at so large a share of their torque limits, sustained."""
+
+    factor: float
+    joints: int
+    for_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("joints", self.joints, 1)
+
+
+@dataclass(frozen=True)
+class PlausibilitySettings(_Checked):
+    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ."""
+
+    speed: float
+    mismatch: float
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -144,7 +194,22 @@ class InferenceSettings(_Checked):
     """Longest inference in control periods, sustained."""
 
     periods: float
-    ticks: int
+    for_s: float
+
+
+@dataclass(frozen=True)
+class OverrunSettings(_Checked):
+    """Missed deadlines: so many ticks in a row, or a share of those in a window of time."""
+
+    in_a_row: int
+    share: float
+    window_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("in_a_row", self.in_a_row, 1)
+        within("share", self.share, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -152,7 +217,16 @@ class TemperatureSettings(_Checked):
     """Hottest motor, sustained."""
 
     max_c: float
-    ticks: int
+    for_s: float
+
+
+@dataclass(frozen=True)
+class WindingSettings(_Checked):
+    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
+
+    below_limit_c: float
+    warn_s: float
+    for_s: float
 
 
 @dataclass(frozen=True)
@@ -162,11 +236,16 @@ class SafetySettings:
     torque_limit: Share
     soft_position: Share
     position_range: PositionRangeSettings
-    joint_speed: ShareTicks
+    joint_speed: JointSpeedSettings
+    torque_saturation: TorqueSaturationSettings
     tilt: TiltSettings
+    base_rate: BaseRateSettings
+    implausible: PlausibilitySettings
     stale: StaleSettings
     inference_overrun: InferenceSettings
+    overrun: OverrunSettings
     temperature: TemperatureSettings
+    winding_temperature: WindingSettings
 
 
 @dataclass(frozen=True)
@@ -228,6 +307,7 @@ class OperatorSettings(_Checked):
 class DeploySettings(_Checked):
     """Everything in one file of configs/deploy."""
 
+    actor: ActorSettings
     entry: EntrySettings
     blend_s: float
     stand_up: StandUpSettings

@@ -11,6 +11,7 @@ from core.errors import InputError
 from core.names import check_same_names
 from core.structured import distinct, frozen, one_of, positive, within
 from robot.kinematics import TrackedPoint
+from robot.thermal import ThermalFigures
 
 _LIMIT_TOLERANCE = 1e-9
 
@@ -76,6 +77,7 @@ class Description:
     randomized_com_body: str
     ankle_bodies: tuple[str, ...]
     meshes: tuple[MeshPart, ...] = ()
+    thermal: ThermalFigures | None = None
 
     def __post_init__(self) -> None:
         if not self.joints:

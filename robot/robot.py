@@ -15,6 +15,7 @@ from core.names import check_same_names, index_of
 from core.structured import frozen
 from robot.description import Description, MeshPart, compile_mjcf, sole_points_m
 from robot.kinematics import Kinematics, TrackedPoint
+from robot.thermal import ThermalFigures
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,7 @@ class Robot:
     ankle_bodies: tuple[str, ...]
     sole_points_m: dict[str, np.ndarray]
     meshes: tuple[MeshPart, ...]
+    thermal: ThermalFigures | None = None
 
     @property
     def num_joints(self) -> int:
@@ -136,6 +138,7 @@ def _robot(described: Description, mjcf_path: Path) -> Robot:
         randomized_com_body=described.randomized_com_body,
         sole_points_m={foot: sole_points_m(model, foot) for foot in feet},
         meshes=_all_meshes(described.meshes, bodies),
+        thermal=described.thermal,
         **described.groups,
     )
 

@@ -62,7 +62,7 @@ class Loop:
         self._duration_s = duration_s
         self._start_s = self._read_s = self._inference_s = 0.0
         self._write_error: DeviceError | None = None
-        self._in_charge = False
+        self._in_charge = self._overran = False
 
     def run(self) -> None:
         """Tick until the end, and leave the joints damped, also when something raises.
@@ -86,7 +86,7 @@ class Loop:
             timer.begin(clock.now_s() - deadline_s)
             reading = self._read()
             timer.lap("read")
-            result = self._tick(reading, self._requests(reading), self._inference_s, self._lap)
+            result = self._tick(reading, self._requests(reading), self._inference_s, self._overran, self._lap)
             timer.lap("guard")
             self._send(result)
             timer.lap("write")
@@ -157,7 +157,8 @@ class Loop:
     def _next_due(self, due: int, period_s: float) -> int:
         """Deadlines lie on one grid from the start; those that have passed are skipped, and a missed one is counted."""
         late_s = self._clock.now_s() - (self._start_s + (due + 1) * period_s)
-        if late_s <= 0.0:
+        self._overran = late_s > 0.0
+        if not self._overran:
             return due + 1
         self.timer.overruns += 1
         return due + 1 + int(late_s / period_s)

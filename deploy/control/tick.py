@@ -17,8 +17,8 @@ class TickResult:
     """command: to be written, or None: the joints are damped, or left alone in IDLE.
 
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
-    stop was cleared. actor, output: who moved the joints and what it computed; None where none did. requests: what was
-    asked for.
+    stop was cleared. actor, output: who moved the joints and what it computed; None where none did. warning: what will
+    trip before long; it has asked for HOLD. requests: what was asked for.
     """
 
     command: JointCommand | None
@@ -29,6 +29,7 @@ class TickResult:
     acknowledged: bool
     actor: ActorRun | None
     output: PolicyOutput | None
+    warning: str | None = None
     requests: tuple[Request, ...] = ()
 
 
@@ -45,16 +46,21 @@ class Tick:
         reading: RobotState | DeviceError,
         requests: Sequence[Request] = (),
         inference_s: float = 0.0,
+        overran: bool = False,
         lap: Callable[[str], None] | None = None,
     ) -> TickResult:
-        """reading: the state, or what prevented reading it. inference_s: how long the actor took a tick before."""
+        """reading: the state, or what prevented reading it. inference_s: how long the actor took a tick before.
+        overran: whether that tick missed the deadline of this one.
+        """
         machine, guard = self.machine, self.guard
-        state = None if isinstance(reading, DeviceError) else reading
+        state = None if isinstance(reading, DeviceError) else guard.believed(reading)
         modes: list[Mode] = [] if machine.mode is self._mode else [machine.mode]
         self._mode = machine.mode
-        if fault := self._fault_of(reading, inference_s):
+        if fault := self._fault_of(reading if state is None else state, inference_s, overran):
             machine.trip(fault)
         self._note(modes)
+        if guard.warning is not None and machine.mode is Mode.TRACKING:
+            machine.request(Request.HOLD, state)
         refused = []
         acknowledged = False
         for request in requests:
@@ -70,19 +76,19 @@ class Tick:
         output = None if state is None else machine.output
         return TickResult(
             command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output,
-            tuple(requests),
+            guard.warning, tuple(requests),
         )  # fmt: skip
 
-    def _fault_of(self, reading: RobotState | DeviceError, inference_s: float) -> Fault | None:
+    def _fault_of(self, reading: RobotState | DeviceError, inference_s: float, overran: bool) -> Fault | None:
         if isinstance(reading, DeviceError):
             return self.guard.check_reading(reading)
         moving = self.machine.mode not in RESTING
-        return self.guard.check(make_sample(reading, inference_s), moving=moving)
+        return self.guard.check(make_sample(reading, inference_s, overran), moving=moving)
 
     def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
         machine, guard = self.machine, self.guard
         wish = machine.advance(state, lap)
-        if isinstance(wish, Wish) and (fault := guard.check_action(wish)):
+        if isinstance(wish, Wish) and (fault := guard.check_action(wish, machine.output)):
             machine.trip(fault)
         elif isinstance(wish, Fault):
             machine.trip(guard.counted(wish))

@@ -26,6 +26,7 @@ class Console:
         self._mode = Mode.IDLE
         self._damped: bool | None = None
         self._waited = 0
+        self._warned = False
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
@@ -38,6 +39,9 @@ class Console:
             self._fault = result.fault
             if result.fault is not None:
                 self._voice.complain(f"fault: {result.fault}")
+        if result.warning is not None and not self._warned:
+            self._voice.complain(f"warning: {result.warning}")
+        self._warned = result.warning is not None
         for refusal in result.refused if self._refusals else ():
             self._voice.complain(refusal)
 

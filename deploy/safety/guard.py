@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 
+from deploy.safety.health import WindingTemperature
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
-from deploy.safety.rules import Fault, LimitRule, Sample, TripRule, Wish
-from deploy.safety.trips import CLOCK_GRAIN_S, trip_rules
+from deploy.safety.plausible import Plausibility
+from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
+from deploy.safety.trips import CLOCK_GRAIN_S, ticks_of, trip_rules
 from deploy.settings import DeploySettings
 from hal.contract.types import DeviceError, DeviceFault, RobotState
+from policy.controller import PolicyOutput
 from robot.robot import Robot
 from world.actuation import JointCommand
 
@@ -24,44 +27,52 @@ class Guard:
 
     def __init__(self, robot: Robot, settings: DeploySettings, period_s: float, *, report_only: bool = False) -> None:
         safety = settings.safety
-        self._late_hold = StaleHold(safety.stale.limit_periods * period_s - CLOCK_GRAIN_S)
+        self._gate = Plausibility(robot, safety.implausible, period_s, ticks_of(safety.implausible.for_s, period_s))
+        self._late_hold = StaleHold(safety.stale.limit_periods * period_s - CLOCK_GRAIN_S, self._gate)
         self._limits: tuple[LimitRule, ...] = (
             self._late_hold,
             SoftPosition(robot, safety.soft_position.factor, report_only),
             TorqueLimit(robot, safety.torque_limit.factor, report_only),
         )
-        self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s)
-        self._run = {rule.name: 0 for rule in self._trips}
+        self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s, self._gate)
+        self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)
         self._names = robot.joint_names
-        names = [*(rule.name for rule in self._limits), *self._run, *OTHER_RULES]
+        names = [*(rule.name for rule in self._limits), *self._tallies, *OTHER_RULES]
         self.counts: dict[str, int] = dict.fromkeys(names, 0)
+
+    def believed(self, reading: RobotState) -> RobotState:
+        """What is believed of a reading: all but samples that no movement leads to. See Plausibility."""
+        return self._gate.believed(reading)
 
     def check(self, sample: Sample, *, moving: bool) -> Fault | None:
         """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
         for rule in self._trips:
             detail = rule.violation(sample) if moving or not rule.moving else None
-            if detail is None:
-                self._run[rule.name] = 0
-                continue
-            self.counts[rule.name] += 1
-            self._run[rule.name] += 1
-            if self._run[rule.name] >= rule.ticks:
-                return Fault(rule.name, detail)
+            self.counts[rule.name] += detail is not None
+            if self._tallies[rule.name].lasts(detail is not None):
+                return Fault(rule.name, detail or "")
         return None
+
+    @property
+    def warning(self) -> str | None:
+        """What will trip before long if the load stays as it is, or None."""
+        warnings = (rule.warning for rule in self._trips if isinstance(rule, WindingTemperature))
+        return next(warnings, None)
 
     def check_reading(self, error: DeviceError) -> Fault:
         """A read that failed: the device refuses, or the way to it is gone."""
         rule = "device_fault" if isinstance(error, DeviceFault) else "link_loss"
         return self.counted(Fault(rule, str(error)))
 
-    def check_action(self, wish: Wish) -> Fault | None:
-        """A wish that is not a number."""
-        if math.isfinite(float(wish.target_rad.sum())):
-            return None
-        bad = [name for name, target in zip(self._names, wish.target_rad) if not math.isfinite(target)]
-        return self.counted(Fault("action_not_finite", f"target of {', '.join(bad[:3])} is not a number"))
+    def check_action(self, wish: Wish, output: PolicyOutput | None = None) -> Fault | None:
+        """A wish that is not a number, or an actor's action that was none before it was clipped and blended."""
+        for what, values in (("action", None if output is None else output.action), ("target", wish.target_rad)):
+            if values is not None and not np.isfinite(values).all():
+                bad = [name for name, value in zip(self._names, values) if not math.isfinite(value)]
+                return self.counted(Fault("action_not_finite", f"{what} of {', '.join(bad[:3])} is not a number"))
+        return None
 
     def counted(self, fault: Fault) -> Fault:
         """Count a fault that was found outside the rules on a state."""
@@ -80,5 +91,7 @@ class Guard:
 
     def reset(self) -> None:
         """Forget violations in a row and what was last sent; the counts stay."""
-        self._run = dict.fromkeys(self._run, 0)
+        for tally in self._tallies.values():
+            tally.reset()
         self._late_hold.reset()
+        self._gate.reset()

@@ -1,6 +1,7 @@
 """What every safety rule shares: the sample it looks at, its verdict, and how long a violation must last."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -22,12 +23,16 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One tick as the rules see it. tilt_rad: angle between the base's z and up; inference_s: the tick before's."""
+    """One tick as the rules see it. tilt_rad: angle between the base's z and up.
+
+    Of the tick before: inference_s, how long the actor took; overran, whether it missed the deadline of this one.
+    """
 
     state: RobotState
     tilt_rad: float
     age_s: float
     inference_s: float
+    overran: bool
 
 
 @dataclass(slots=True)
@@ -40,11 +45,15 @@ class Wish:
 
 
 class TripRule(Protocol):
-    """A rule whose verdict is *trip*. `ticks`: violations in a row that trip; `moving`: ignored while at rest."""
+    """A rule whose verdict is *trip*. `moving`: ignored while at rest.
+
+    `ticks`: violations in a row that trip. `often`: (n, m), n violations in m ticks trip too; None: they do not.
+    """
 
     name: str
     ticks: int
     moving: bool
+    often: tuple[int, int] | None = None
 
     def violation(self, sample: Sample) -> str | None:
         """What is wrong in one line, or None."""
@@ -69,7 +78,28 @@ def tilt_rad(quat_wxyz: np.ndarray) -> float:
     return math.acos(min(1.0, max(-1.0, cosine))) if math.isfinite(cosine) else math.nan
 
 
-def make_sample(state: RobotState, inference_s: float = 0.0) -> Sample:
+def make_sample(state: RobotState, inference_s: float = 0.0, overran: bool = False) -> Sample:
     """Derive what the rules share from a state."""
     age_s = max(float(state.joint_age_s.max()), state.imu_age_s)
-    return Sample(state, tilt_rad(state.imu_quat_wxyz), age_s, inference_s)
+    return Sample(state, tilt_rad(state.imu_quat_wxyz), age_s, inference_s, overran)
+
+
+class Tally:
+    """Violations of one rule: how many in a row, and on which of the last ticks."""
+
+    def __init__(self, rule: TripRule) -> None:
+        self._ticks = rule.ticks
+        self._needed, span = rule.often or (1, 0)
+        self._recent: deque[bool] = deque(maxlen=span)
+        self._in_a_row = 0
+
+    def lasts(self, violated: bool) -> bool:
+        """Note one tick; whether the violations have lasted long enough to trip."""
+        self._recent.append(violated)
+        self._in_a_row = self._in_a_row + 1 if violated else 0
+        return violated and (self._in_a_row >= self._ticks or sum(self._recent) >= self._needed)
+
+    def reset(self) -> None:
+        """Forget them."""
+        self._in_a_row = 0
+        self._recent.clear()

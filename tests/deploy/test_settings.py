@@ -38,7 +38,10 @@ def test_the_thresholds_of_the_design():
             {"stand_up__speed_rad_s": 1.0},
             r"stand_up\.speed_rad_s: out of range, got 1\.0, expected a number in \[0\.0, 0\.8\] rad/s$",
         ),
-        ({"safety__tilt__ticks": 0}, r"safety\.tilt\.ticks: too small, got 0, expected at least 1$"),
+        (
+            {"safety__tilt__for_s": 0.6},
+            r"safety\.tilt\.for_s: out of range, got 0\.6, expected a number in \[0\.0, 0\.5\] s$",
+        ),
         ({"safety__tilt__max_rad": -1.0}, r"safety\.tilt\.max_rad: too small, got -1\.0, expected at least 0 rad$"),
         (
             {"safety__tilt__max_rad": "steep"},

@@ -13,6 +13,7 @@ from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.settings import load_settings
 from hal.contract.types import DeviceInfo, RobotState
+from hal.simulated.mujoco import MujocoBackend
 from motion.clip import Clip, clip_to_bytes
 from policy.metadata import write_metadata
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
@@ -35,6 +36,7 @@ OBSERVATION = ObservationGroup(
 )
 SIZE = 3 + 3 + JOINTS + 1
 GRAVITY_X, GRAVITY_Y, GRAVITY_Z = 3, 4, 5
+HALF_RATE_S = 0.035
 PHASE = SIZE - 1
 
 
@@ -217,3 +219,15 @@ class Asked:
     def poll(self):
         self.tick += 1
         return self.script.get(self.tick, ())
+
+
+class LateBackend(MujocoBackend):
+    """What was read reaches the loop 35 ms later; the physics goes on meanwhile."""
+
+    late = False
+
+    def read(self):
+        reading = super().read()
+        if self.late:
+            self.clock.sleep_until(self.clock.now_s() + HALF_RATE_S)
+        return reading

@@ -9,7 +9,7 @@ import pytest
 from deploy.control.states import ALLOWED, Mode, Request, StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
-from hal.contract.types import LinkLost
+from hal.contract.types import LinkLost, RobotState
 from tests.deploy.toys import (
     GRAVITY_Z,
     JOINTS,
@@ -32,7 +32,7 @@ FAST = replace(
 
 
 class Stage:
-    """A machine between its tick and a robot that does nothing by itself."""
+    """A machine between its tick and a robot that does nothing by itself. With a second a tick, no change is sudden."""
 
     def __init__(self, folder, settings=FAST, *, stand=None, tracked=None):
         self.stand = stand or linear_run(folder, name="stand")
@@ -40,9 +40,12 @@ class Stage:
         self.machine = StateMachine(ROBOT, self.stand, self.tracked, settings, PERIOD_S)
         self.guard = Guard(ROBOT, settings, PERIOD_S)
         self.tick = Tick(self.machine, self.guard)
+        self.now_s = 0.0
 
     def __call__(self, *requests, reading=None):
-        return self.tick(state() if reading is None else reading, requests)
+        self.now_s += 1.0
+        reading = state() if reading is None else reading
+        return self.tick(replace(reading, time_s=self.now_s) if isinstance(reading, RobotState) else reading, requests)
 
     def until(self, mode, at_most=200, reading=None):
         for _ in range(at_most):
@@ -330,6 +333,16 @@ def test_an_action_that_is_not_a_number_is_never_sent(folder):
     stage.machine.active.act = lambda s, lap=None: replace_target(stage, np.nan)
     result = stage()
     assert result.command is None and result.fault.rule == "action_not_finite" and result.mode is Mode.DAMPING
+
+
+def test_an_infinite_action_is_never_sent_though_its_target_was_clipped(folder):
+    """The action's clip makes a finite target of it: full torque for a tick."""
+    stage = Stage(folder).bring_to(Mode.TRACKING)
+    output = replace(replace_target(stage, 3.0), action=np.where(np.arange(JOINTS) == KNEE, np.inf, 0.0))
+    stage.machine.active.act = lambda s, lap=None: output
+    result = stage()
+    assert result.command is None and result.mode is Mode.DAMPING
+    assert str(result.fault) == "action_not_finite: action of left_knee_joint is not a number"
 
 
 def replace_target(stage, value):

@@ -1,5 +1,6 @@
 """What the console says of joints, against what was heard of them."""
 
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -12,15 +13,26 @@ from deploy.operator.console import Console
 JOINTS = ("hip", "knee", "ankle", "waist", "elbow")
 
 
+class SpokenAtOnce:
+    """A voice that waits for nobody."""
+
+    def say(self, line: str) -> None:
+        print(line)
+
+    def complain(self, line: str) -> None:
+        print(line, file=sys.stderr)
+
+
 class Trial:
     def __init__(self) -> None:
         self.backend = SimpleNamespace(control_period_s=0.02, undamped=lambda: self.undamped)
         self.undamped: tuple[str, ...] | None = JOINTS
-        self.console = Console(self.backend, SimulatedClock(), refusals=False)
+        self.voice = SpokenAtOnce()
+        self.console = Console(self.voice, self.backend, SimulatedClock(), refusals=False)
 
     def ticks(self, count: int, *modes: Mode) -> None:
         for tick in range(count):
-            result = SimpleNamespace(modes=() if tick else modes, fault=None, refused=())
+            result = SimpleNamespace(modes=() if tick else modes, fault=None, refused=(), warning=None)
             self.console(None, result, PhaseTimer())
 
 

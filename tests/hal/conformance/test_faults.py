@@ -38,6 +38,7 @@ THRESHOLD = {
     "link_loss": LINK_TIMEOUT_S / PERIOD_S,
     "device_fault": 0.0,
     "temperature": 5.0,
+    "implausible": 3.0,
     "position_range": 3.0,
     "joint_speed": 3.0,
 }
@@ -59,7 +60,7 @@ FAULTS: list[tuple[str, str, float | None, tuple[str, ...]]] = [
     ("brown_out", "LINE", None, ("stale", "device_fault")),
     ("fault_code", KNEE, None, ("device_fault",)),
     ("over_temperature", KNEE, 120.0, ("temperature", "device_fault")),
-    ("power_cycled_zero", KNEE, -1.0, ("position_range", "joint_speed", "device_fault")),
+    ("power_cycled_zero", KNEE, -1.0, ("implausible", "device_fault")),
     ("stuck_joint", KNEE, None, ()),
     ("reconnect", "LINE", None, (*SILENT, "device_fault")),
     ("second_controller", "LINE", None, ("device_fault", "stale")),

@@ -1,0 +1,79 @@
+"""A robot that falls in MuJoCo is without power before its pelvis is below 0.45 m; one that only staggers is not."""
+
+import numpy as np
+import pytest
+
+from core.clock import SimulatedClock
+from deploy.actors import load_run
+from deploy.cell import Cell
+from deploy.control.states import Request
+from deploy.episode import place_at_reference
+from tests.deploy.toys import ROBOT, SETTINGS, LateBackend
+from world.options import load_sim_options
+
+LOW_M = 0.45
+PLAYS_S = 3.0
+
+
+class Kicked:
+    """The plan: kick or slow the loop down at a tick, watch for 3 s. Judges by the simulation alone."""
+
+    failure = None
+
+    def __init__(self, backend, at_tick, velocity_xy, late):
+        self._backend, self._at_tick, self._velocity_xy, self._late = backend, at_tick, velocity_xy, late
+        self._tick = -1
+        self.lowest_m = np.inf
+        self.stiff_when_low = None
+
+    def requests(self, state):
+        self._tick += 1
+        data, model = self._backend.data, self._backend.model
+        if self._tick == self._at_tick:
+            data.qvel[:2] += self._velocity_xy
+            self._backend.late = self._late
+        self.lowest_m = min(self.lowest_m, data.qpos[2])
+        if data.qpos[2] < LOW_M and self.stiff_when_low is None:
+            self.stiff_when_low = bool(model.actuator_biasprm[:, 1].any())
+        over = self.stiff_when_low is not None or self._tick > self._at_tick + PLAYS_S / 0.02
+        return (Request.QUIT,) if over else ()
+
+
+def kick(name, at_tick, velocity_xy, late=False):
+    clock = SimulatedClock()
+    actor = load_run(name, None, ROBOT, SETTINGS.entry)
+    cell = Cell(ROBOT, SETTINGS, [actor])
+    with LateBackend(ROBOT, clock, load_sim_options("default"), gantry=False, scene=actor.scene) as backend:
+        place_at_reference(backend, actor, 0.0, np.random.default_rng(0))
+        cell.start_tracking()
+        plan = Kicked(backend, at_tick, np.array(velocity_xy), late)
+        cell.loop(backend, clock, plan=plan).run()
+    return cell.machine.fault, plan
+
+
+FALLS = {
+    "at rest, forwards": ("stand", 40, (1.5, 0.0)),
+    "at rest, backwards": ("stand", 40, (-2.5, 0.0)),
+    "at rest, to the left": ("stand", 40, (0.0, 1.6)),
+    "at rest, to the right": ("stand", 40, (0.0, -1.2)),
+    "side_kick, forwards": ("side_kick", 180, (1.2, 0.0)),
+    "charleston, backwards": ("charleston", 250, (-1.2, 0.0)),
+    "taichi, to the left": ("taichi", 250, (0.0, 1.2)),
+    "horse_stance_punch, to the right": ("horse_stance_punch", 200, (0.0, -1.2)),
+    "horse_stance_punch, backwards": ("horse_stance_punch", 200, (-1.5, 0.0)),
+    "side_kick, a late loop": ("side_kick", 40, (0.0, 0.0), True),
+}
+
+
+@pytest.mark.parametrize("fall", FALLS.values(), ids=FALLS)
+def test_power_is_off_before_the_pelvis_is_low(fall):
+    fault, plan = kick(*fall)
+    assert plan.lowest_m < LOW_M, "it did not fall"
+    assert plan.stiff_when_low is False and fault is not None
+    assert fault.rule in ("tilt", "base_rate", "overrun")
+
+
+@pytest.mark.parametrize("velocity_xy", [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.5), (0.0, -0.5)])
+def test_a_kick_that_is_balanced_ends_nothing(velocity_xy):
+    fault, plan = kick("stand", 40, velocity_xy)
+    assert fault is None and plan.lowest_m > 0.7

@@ -1,0 +1,64 @@
+"""Which actors a robot takes: those whose gains, scale, pose and period suit it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.errors import InputError
+from deploy.actors import check_bounds, load_run
+from policy.actor import bundled_actors
+from tests.deploy.toys import KNEE, ROBOT, SETTINGS, linear_run
+from tests.shared_data import SHARED, needs_shared_data
+
+
+def one(values, factor, joint=KNEE):
+    changed = values.copy()
+    changed[joint] *= factor
+    return changed
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory):
+    return linear_run(tmp_path_factory.mktemp("actor"))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"kp": ROBOT.kp * 1e4}, r"kp: not fit for this robot, got left_hip_pitch_joint 1e\+06, .*\[20, 300\]$"),
+        ({"kp": one(ROBOT.kp, 3.1)}, r"kp: .* left_knee_joint 465, expected a number in \[30, 450\]$"),
+        ({"kp": one(ROBOT.kp, 0.19)}, r"kp: .* left_knee_joint 28.5"),
+        ({"kd": ROBOT.kd * 50}, r"kd: .* left_hip_pitch_joint 100, .*\[0\.4, 6\]$"),
+        ({"kd": one(ROBOT.kd, 0.0)}, r"kd: .* left_knee_joint 0, "),
+        ({"action_scale": np.full(23, 25.0)}, r"action_scale: .* left_hip_pitch_joint 25, .*\[0, 1\]$"),
+        ({"default_pos_rad": one(ROBOT.default_pos_rad, 10.0)}, r"default_pos_rad: .* left_knee_joint 3, .*2\.8798\]$"),
+        ({"control_period_s": 1.0}, r"control_period_s: .* got 1, expected a number in \[0\.005, 0\.05\]$"),
+        ({"control_period_s": 0.004}, r"control_period_s: .* got 0\.004"),
+    ],
+)
+def test_what_does_not_suit_the_robot_is_refused_by_name(toy, change, says):
+    run = object.__new__(type(toy))
+    run.__dict__ |= toy.__dict__ | {"actor": replace(toy.actor, spec=replace(toy.actor.spec, **change))}
+    with pytest.raises(InputError, match=r"toy\.onnx: " + says):
+        check_bounds(run, ROBOT, SETTINGS.actor)
+
+
+def test_the_ends_of_the_bounds_are_taken(toy):
+    for factor in (0.2, 3.0):
+        spec = replace(toy.actor.spec, kp=ROBOT.kp * factor, kd=ROBOT.kd * factor, action_scale=1.0)
+        run = object.__new__(type(toy))
+        run.__dict__ |= toy.__dict__ | {"actor": replace(toy.actor, spec=spec)}
+        check_bounds(run, ROBOT, SETTINGS.actor)
+
+
+@pytest.mark.parametrize("name", bundled_actors())
+def test_bundled_actors_are_taken(name):
+    check_bounds(load_run(name, None, ROBOT, SETTINGS.entry), ROBOT, SETTINGS.actor)
+
+
+@needs_shared_data
+def test_the_released_actor_is_taken():
+    folder = SHARED / "pbhc"
+    policy = folder / "actor_horse_stance_pose" / "model_50000.onnx"
+    check_bounds(load_run(policy, folder / "Horse-stance_pose.pkl", ROBOT, SETTINGS.entry), ROBOT, SETTINGS.actor)
