@@ -141,9 +141,9 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo) -> None:
 def _rehearse(options: RunOptions, setup: _Setup, cell: Cell, signals: StopSignals) -> Ending:
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
+        stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(lambda line: print(line, flush=True)))
-        stack.enter_context(no_garbage_collection())
         checks = dry_run(
             setup.backend,
             setup.clock,
@@ -186,9 +186,9 @@ def _perform(options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None"
             observers.append(window)
             operators.append(window)
         operators += _operators(options, setup.backend, stack)
+        stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(lambda line: print(line, flush=True)))
-        stack.enter_context(no_garbage_collection())
         loop = cell.loop(
             setup.backend,
             setup.clock,

@@ -9,7 +9,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from core import robot_time as time
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
 from hal.wire.boards import StateBoard
@@ -99,7 +99,7 @@ class WireProcess:
                 return False
             self._answer(driver, request)
 
-    def _answer(self, driver: Driver, request: str) -> None:
+    def _answer(self, driver: Driver, request: object) -> None:
         if request == "enable":
             self._attempt("enable", driver.enable)
             self._outbox.energise()
@@ -109,6 +109,8 @@ class WireProcess:
                 self._outbox.acknowledge()
         elif request == "report":
             self._reply(self._report())
+        elif isinstance(request, time.Pace):
+            time.follow(request)
 
     def _report(self) -> dict[str, Any]:
         cycles = {thread.cycle.name: thread.report() for thread in self._threads}
@@ -200,6 +202,8 @@ def main(arguments: Sequence[str]) -> int:
     except (EOFError, OSError):
         return 1
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # All threads, also a library's own: one that waits for a processor may hold what a cycle waits for.
+    realtime.schedule(realtime.WIRE_PRIORITY, inherited=True)
     realtime.lock_memory()
     gc.collect()
     gc.freeze()
