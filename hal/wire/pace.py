@@ -1,16 +1,22 @@
 """The pace that this machine can keep with an emulated robot: the quickest at which no state grows old."""
 
+import os
 from collections.abc import Callable
 
 from core import robot_time
 from core.clock import Clock
 from hal.realtime import realtime
 
-FACTORS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
+FACTORS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 TRIAL_S, SETTLE_S = 1.5, 0.2
-# The rule `stale` limits at two control periods and trips at three: what a short trial does not see has room.
+# The rule `stale` trips at three control periods: what a short trial does not see has room.
 LONGEST_PERIODS = 0.6
-STEP = 2.0
+LONGEST_STEP = 2.0
+
+
+def load_per_core() -> float:
+    """Processes that ran or wanted to, over the last minute, for each core of this machine."""
+    return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 class PaceTrial:
@@ -20,10 +26,14 @@ class PaceTrial:
         self._clock, self._period_s, self._age_s = clock, period_s, age_s
 
     def choose(self, set_pace: Callable[[float], None]) -> str:
-        """Slow down by set_pace(factor) until all keep up, or can go no slower; what was chosen, in words."""
-        factor = FACTORS[0]
+        """Slow down by set_pace(factor) until all keep up, or can go no slower; what was chosen, in words.
+
+        The first trial is as many times slower as there were processes for each core in the last minute.
+        """
+        if (factor := _at_least(load_per_core())) > FACTORS[0]:
+            set_pace(factor)
         while (worst := self._worst_periods()) > LONGEST_PERIODS and factor < FACTORS[-1]:
-            factor = next(f for f in FACTORS if f >= min(factor * min(worst, STEP), FACTORS[-1]))
+            factor = _at_least(factor * min(worst / LONGEST_PERIODS, LONGEST_STEP))
             set_pace(factor)
         pace = "real time" if factor == 1.0 else f"{factor:g} times slower than real time"
         age = f"states at most {1e3 * worst * self._period_s:.0f} ms old"
@@ -40,3 +50,7 @@ class PaceTrial:
                 self._clock.sleep_until(due_s)
                 worst_s = max(worst_s, self._clock.now_s() - due_s, self._age_s())
         return worst_s / self._period_s
+
+
+def _at_least(factor: float) -> float:
+    return next(f for f in FACTORS if f >= min(factor, FACTORS[-1]))
