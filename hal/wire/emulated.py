@@ -64,15 +64,17 @@ class EmulatedWireBackend(WireBackend):
         threading.Thread(target=self._release, name="release gantry", daemon=True).start()
 
     def report(self) -> dict[str, Any]:
-        """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey, and
-        `driven`: joints that have not heard of damping a moment after it was asked for."""
+        """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey,
+        `driven`: joints that have not heard of damping a moment after it was asked for, and `pace`: machine seconds
+        to a second of its own."""
         report = super().report()
         try:
             status = self._when_damped(robot_time.monotonic() + DAMPING_S)
         except DeviceError:
             return report
         driven = [name for name, mode in status["mode"].items() if mode == "driven"]
-        return {**report, "emulator": {"late": status["late"], "violations": status["violations"], "driven": driven}}
+        found = {name: status[name] for name in ("late", "violations")}
+        return {**report, "emulator": {**found, "driven": driven, "pace": robot_time.machine_s(1.0)}}
 
     def _when_damped(self, until_s: float) -> dict[str, Any]:
         """The emulator's status once no joint is driven, at the latest at until_s (monotonic)."""
