@@ -72,8 +72,7 @@ def test_loop_wire_and_robot_are_slowed_alike(wire: str, running: Emulators) -> 
     assert rig.emulator is not None
     status = rig.emulator.control.status
     with rig.backend as backend:
-        backend._set_pace(factor)
-        state = ready(backend, 30.0)
+        state = ready(backend)
         zero = 0.0 * state.joint_pos_rad
         hold = JointCommand(state.joint_pos_rad, zero, 0.1 * rig.robot.kp, rig.robot.damping_kd, zero)
         until_s = backend.clock.now_s() + 20.0
@@ -81,8 +80,9 @@ def test_loop_wire_and_robot_are_slowed_alike(wire: str, running: Emulators) -> 
             assert backend.clock.now_s() < until_s
             backend.write(hold)
             backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
+        backend._set_pace(factor)
         began_s, began = time.monotonic(), _progress(backend, status()["time_s"])
-        while time.monotonic() < began_s + 1.0:
+        while time.monotonic() < began_s + 0.8:
             backend.write(hold)
             backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
         spent_s = (time.monotonic() - began_s) / factor
