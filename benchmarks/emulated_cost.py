@@ -96,6 +96,9 @@ def main() -> int:
     print(f"{'wire':10}{'emulator':>9}{'wire':>9}{'loop':>9}{'total':>9}   age ms: {'p50':>5}{'p99':>7}{'max':>7}")
     for wire in options.backend or WIRES:
         meter = measure(wire, options.seconds)
+        if meter.first == meter.last:
+            print(f"{wire:10} ended before it was measured", flush=True)
+            return 1
         shares = list(meter.shares().values())
         cells = "".join(f"{share:9.2f}" for share in [*shares, sum(shares)])
         ages = "".join(f"{age:7.1f}" for age in np.percentile(meter.ages_ms, [50, 99, 100]))
