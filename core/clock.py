@@ -1,8 +1,9 @@
 """Time, passed in: the same loop, ages and rules run on the machine's clock and on a simulated one."""
 
 import math
-import time
 from typing import Protocol
+
+from core import robot_time
 
 
 class Clock(Protocol):
@@ -18,17 +19,18 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock. Deadlines are absolute, so periods do not drift."""
+    """The machine's monotonic clock, or robot time where a slower pace is followed. Deadlines are absolute, so periods
+    do not drift."""
 
     def now_s(self) -> float:
         """Time now, from CLOCK_MONOTONIC."""
-        return time.monotonic()
+        return robot_time.monotonic()
 
     def sleep_until(self, t_s: float) -> None:
         """Sleep to the deadline; never returns early."""
         _check(t_s)
-        while (remaining := t_s - time.monotonic()) > 0:
-            time.sleep(remaining)
+        while (remaining := t_s - robot_time.monotonic()) > 0:
+            robot_time.sleep(remaining)
 
 
 class SimulatedClock:

@@ -32,12 +32,12 @@ def normalize(v: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product of (..., 3) vectors."""
-    return array_module(a).stack(cross_parts(_parts(a), _parts(b)), -1)
+    return _whole(cross_parts(_parts(a), _parts(b)), a)
 
 
 def quat_mul(a: Array, b: Array) -> Array:
     """Hamilton product of (..., 4) quaternions."""
-    return array_module(a).stack(mul_parts(_parts(a), _parts(b)), -1)
+    return _whole(mul_parts(_parts(a), _parts(b)), a)
 
 
 def quat_conjugate(q: Array) -> Array:
@@ -47,13 +47,13 @@ def quat_conjugate(q: Array) -> Array:
 
 def quat_rotate(q: Array, v: Array) -> Array:
     """R(q) v for (..., 4) and (..., 3)."""
-    return array_module(q).stack(rotate_parts(_parts(q), _parts(v)), -1)
+    return _whole(rotate_parts(_parts(q), _parts(v)), q)
 
 
 def quat_rotate_inverse(q: Array, v: Array) -> Array:
     """R(q)ᵀ v for (..., 4) and (..., 3): a world vector expressed in the body."""
     w, x, y, z = _parts(q)
-    return array_module(q).stack(rotate_parts((w, -x, -y, -z), _parts(v)), -1)
+    return _whole(rotate_parts((w, -x, -y, -z), _parts(v)), q)
 
 
 def quat_to_matrix(q: Array) -> Array:
@@ -154,5 +154,16 @@ def rotate_parts(q: Sequence[Array], v: Sequence[Array]) -> list[Array]:
 
 
 def _parts(a: Array) -> list[Array]:
-    """The components of (..., n); torch's in one operation, which a gradient passes at once."""
+    """The components; of one vector in double precision plain numbers: the same values in a third of the time.
+
+    Torch's in one operation, which a gradient passes at once.
+    """
+    if a.ndim == 1 and a.dtype == np.float64:
+        plain: list[Array] = a.tolist()
+        return plain
     return list(a.unbind(-1)) if hasattr(a, "unbind") else [a[..., i] for i in range(a.shape[-1])]
+
+
+def _whole(parts: Sequence[Array], like: Array) -> Array:
+    """The array of these components."""
+    return np.array(parts) if type(parts[0]) is float else array_module(like).stack(parts, -1)

@@ -180,9 +180,9 @@ def _verified(options: RunOptions, setup: _Setup, info: DeviceInfo) -> list[Chec
 def _rehearse(options: RunOptions, setup: _Setup, info: DeviceInfo, cell: Cell, signals: StopSignals) -> Ending:
     """The dry run, and its record where it was the real wire."""
     with contextlib.ExitStack() as stack:
+        stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(setup.voice.say))
-        stack.enter_context(no_garbage_collection())
         checks = dry_run(
             setup.backend,
             setup.clock,
@@ -226,9 +226,9 @@ def _perform(
         shared = (setup.settings.operator, setup.clock, setup.voice)
         buttons = [] if estop is None else [estop]
         operators += people(options, setup.backend, lambda: cell.machine.mode, *shared, stack, buttons)
+        stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(setup.voice.say))
-        stack.enter_context(no_garbage_collection())
         loop = cell.loop(
             setup.backend,
             setup.clock,

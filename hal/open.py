@@ -89,7 +89,7 @@ def _open_wire(
     timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
     times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
     if emulator is not None:
-        return EmulatedWireBackend(name, robot, clock, factory, emulator, **times)
+        return EmulatedWireBackend(name, robot, clock, factory, emulator, **times, keep_pace=True)
     return WireBackend(name, robot, clock, factory, wires=getattr(factory, "wires", ()), **times)
 
 

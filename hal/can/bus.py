@@ -2,11 +2,11 @@
 
 import math
 import threading
-import time
 from collections.abc import Sequence
 
 import numpy as np
 
+from core import robot_time as time
 from hal.can.bus_load import MAX_LOAD, bus_load
 from hal.can.codec import MotorCommand
 from hal.can.damper import CanDamper

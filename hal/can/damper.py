@@ -1,9 +1,9 @@
 """Damping of one CAN bus from the standby process."""
 
-import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
+from core import robot_time as time
 from hal.can.bus_load import MAX_LOAD
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame

@@ -2,13 +2,13 @@
 
 import contextlib
 import logging
-import time
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import can
 
+from core import robot_time as time
 from hal.can.endpoints import ECHOING
 from hal.can.frame import Frame
 from hal.can.socketcand import SocketcandBus
@@ -99,7 +99,7 @@ class CanLink:
         """The next frame that another node sent, or None at until_s (monotonic clock; the past means: do not wait)."""
         while True:
             try:
-                message = self._require().recv(max(0.0, until_s - time.monotonic()))
+                message = self._require().recv(time.machine_s(max(0.0, until_s - time.monotonic())))
             except ERRORS as error:
                 self.close()
                 raise DeviceError(f"bus {self.name}: cannot receive: {error or type(error).__name__}") from error

@@ -1,8 +1,8 @@
 """Conversations with a servo: before the rounds of its bus have begun, between them, and after they have ended."""
 
-import time
 from collections.abc import Callable, Sequence
 
+from core import robot_time as time
 from hal.can.bus import CanBus
 from hal.can.frame import Frame
 from hal.can.messages import Message

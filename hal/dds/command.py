@@ -1,11 +1,12 @@
 """LowCmd frames from the loop's commands, with the held joints' own."""
 
+import math
+
 import numpy as np
 
 from hal.dds.layout import CMD
 from hal.dds.slots import SLOTS, HeldMotor, SlotMap
 from hal.wire.outbox import Kind, Outgoing
-from world.actuation import JointCommand
 
 ENABLED, DISABLED = 1, 0
 PITCH_ROLL = 0
@@ -24,6 +25,7 @@ class CommandFrames:
         self._slots = slots
         self._frame = CMD.empty()
         self._motors = self._frame["motor_cmd"]
+        self._numbers = [self._motors[name] for name in VALUES]
         self._step_rad = speed_rad_s * period_s
         self._goal_rad = np.array([joint.pos_rad for joint in held])
         self._kp = np.array([joint.kp for joint in held])
@@ -40,7 +42,8 @@ class CommandFrames:
         if outgoing.command is None:
             raise ValueError("LowCmd: got IDLE, expected something to send")
         self._motors["mode"][:SLOTS] = ENABLED
-        self._set(self._slots.robot, outgoing.command)
+        command = outgoing.command
+        self._set(self._slots.robot, command.q_rad, command.dq_rad_s, command.tau_nm, command.kp, command.kd)
         if outgoing.kind is Kind.TRACK:
             self._hold(motor_state[self._slots.held])
         else:
@@ -54,11 +57,10 @@ class CommandFrames:
         self._target_rad = np.full_like(self._goal_rad, np.nan)
         return self._sealed(mode_machine)
 
-    def _set(self, places: np.ndarray, command: JointCommand) -> None:
-        motors = self._motors
-        motors["q"][places], motors["dq"][places] = command.q_rad, command.dq_rad_s
-        motors["kp"][places], motors["kd"][places] = command.kp, command.kd
-        motors["tau"][places] = command.tau_nm
+    def _set(self, places: np.ndarray, *values: np.ndarray) -> None:
+        """In the order of VALUES."""
+        for numbers, value in zip(self._numbers, values):
+            numbers[places] = value
 
     def _hold(self, seen: np.ndarray) -> None:
         """seen: (H,) state of the held motors. One whose state is no number is damped."""
@@ -72,16 +74,16 @@ class CommandFrames:
         target_rad = np.clip(wanted, pos_rad - reach_rad, pos_rad + reach_rad)
         zero = np.zeros_like(pos_rad)
         kp, kd = np.where(known, self._kp, 0.0), np.where(known, self._kd, self._damping_kd)
-        self._set(self._slots.held, JointCommand(np.where(known, target_rad, 0.0), zero, kp, kd, zero))
+        self._set(self._slots.held, np.where(known, target_rad, 0.0), zero, zero, kp, kd)
 
     def _damp_held(self) -> None:
         zero = np.zeros_like(self._goal_rad)
-        self._set(self._slots.held, JointCommand(zero, zero, zero, self._damping_kd, zero))
+        self._set(self._slots.held, zero, zero, zero, zero, self._damping_kd)
 
     def _sealed(self, mode_machine: int) -> bytes:
         self._frame["mode_pr"], self._frame["mode_machine"] = PITCH_ROLL, mode_machine
-        for name in VALUES:
-            if not np.isfinite(self._motors[name]).all():
-                raise ValueError(f"LowCmd: {name} does not fit a 32-bit float: {self._motors[name]}")
+        for name, numbers in zip(VALUES, self._numbers):
+            if not math.isfinite(numbers.sum()) and not np.isfinite(numbers).all():
+                raise ValueError(f"LowCmd: {name} does not fit a 32-bit float: {numbers}")
         CMD.seal(self._frame)
         return CMD.to_body(self._frame)

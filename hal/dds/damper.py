@@ -1,12 +1,12 @@
 """Damping of a G1 over DDS from the standby process."""
 
-import time
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 
+from core import robot_time as time
 from hal.dds.link import DdsLink
 from hal.dds.state_reader import STATE_TOPIC
 from hal.dds.types import LowCmd_, LowState_

@@ -1,12 +1,12 @@
 """The driver of a Unitree G1 with 29 motors over DDS: LowState in, LowCmd out."""
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from core import robot_time as time
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
 from hal.dds.command import CommandFrames
 from hal.dds.damper import DdsDamper

@@ -2,9 +2,10 @@
 
 import itertools
 import json
-import time
+from time import monotonic_ns
 from typing import Any
 
+from core import robot_time as time
 from hal.contract.types import DeviceError, DeviceFault
 from hal.dds.link import DdsLink
 from hal.dds.types import NO_BYTES, Request_, RequestHeader_, RequestIdentity_, RequestLease_, RequestPolicy_, Response_
@@ -40,7 +41,7 @@ class MotionService:
     def __init__(self, link: DdsLink) -> None:
         self._requests = link.writer(REQUEST_TOPIC, Request_)
         self._responses = link.queue_reader(RESPONSE_TOPIC, Response_, DEPTH)
-        self._ids = itertools.count(time.monotonic_ns())
+        self._ids = itertools.count(monotonic_ns())
 
     def active_mode(self) -> str:
         """The mode in which the service drives the motors; empty where it has released them."""

@@ -1,9 +1,9 @@
 """Damping of the servos of one port from the standby process."""
 
-import time
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from core import robot_time as time
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.port import ServoPort

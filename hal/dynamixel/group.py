@@ -1,10 +1,10 @@
 """The servos of one port: what is sent to them and what they say, round by round."""
 
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from core import robot_time as time
 from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r

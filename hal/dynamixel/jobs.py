@@ -1,9 +1,9 @@
 """Conversations that one thread asks for and the thread that owns the port holds, between its rounds."""
 
-import time
 from collections import deque
 from concurrent.futures import Future
 
+from core import robot_time as time
 from hal.contract.types import DeviceError
 from hal.dynamixel.setup import Job
 

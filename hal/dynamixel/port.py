@@ -2,13 +2,13 @@
 
 import os
 import select
-import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
 import serial
 
+from core import robot_time as time
 from hal.contract.types import DeviceError
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel.protocol2 import Packet, PacketParser
@@ -101,7 +101,7 @@ class ServoPort:
     def receive(self, until_s: float) -> bytes:
         """The next bytes, waiting until until_s (monotonic); none then. Raises DeviceError where the port is gone."""
         try:
-            ready, _, _ = select.select((self._fd,), (), (), max(0.0, until_s - time.monotonic()))
+            ready, _, _ = select.select((self._fd,), (), (), time.machine_s(max(0.0, until_s - time.monotonic())))
             if not ready:
                 return b""
             data = os.read(self._fd, CHUNK)

@@ -1,9 +1,9 @@
 """The state of all servos of a port, asked for again and again, and which answer belongs to which question."""
 
-import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from core import robot_time as time
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.port import ServoPort

@@ -5,11 +5,11 @@ between. `run` does a whole job at once.
 """
 
 import contextlib
-import time
 from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TypeVar
 
+from core import robot_time as time
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import Model

@@ -1,10 +1,10 @@
 """The device side of CAN buses: their servos, and a serial IMU beside them."""
 
 import select
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from core import robot_time as time
 from hal.can.robot_file import IMU, load_robot_file
 from hal.emulator.can_bus import BusLine
 from hal.emulator.can_wire import File
@@ -63,7 +63,7 @@ class BusLoop:
         for line in self._lines:
             files += line.wire.files
             wait_s = wait_s if line.wire.files else min(wait_s, POLL_S)
-        return set(select.select(files, (), (), max(0.0, wait_s))[0])
+        return set(select.select(files, (), (), time.machine_s(max(0.0, wait_s)))[0])
 
 
 class CanDevice(DeviceSide):

@@ -3,11 +3,11 @@
 import heapq
 import itertools
 import math
-import time
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from core import robot_time as time
 from hal.can.bus_load import frame_time_s
 from hal.can.frame import EXTENDED_ID_MAX, STANDARD_ID_MAX, Frame
 from hal.can.robot_file import BusEntry, RobotFile

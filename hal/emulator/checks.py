@@ -11,6 +11,7 @@ REPORT_AGE_S = 0.06
 LISTED = 20
 TORQUE_SLACK = 1.01
 ROUNDING_NM = 0.3
+Index = int | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,11 @@ class CommandChecks:
         self.listed: list[Violation] = []
         self._reported[0], self._reported[1:] = -np.inf, np.nan
 
-    def report(self, joint: int, time_s: float, pos_rad: float, vel_rad_s: float) -> None:
-        """A device put a state on the wire."""
+    def report(self, joint: Index, time_s: float, pos_rad: float | np.ndarray, vel_rad_s: float | np.ndarray) -> None:
+        """A device put a state of one joint, or of several, on the wire."""
         row = self._next[joint] = (self._next[joint] + 1) % REPORTS_KEPT
-        self._reported[:, row, joint] = time_s, pos_rad, vel_rad_s
+        self._reported[0, row, joint] = time_s
+        self._reported[1, row, joint], self._reported[2, row, joint] = pos_rad, vel_rad_s
 
     def judge_gains(self, time_s: float, joint: int, kp: float, kd: float) -> bool:
         """Whether both lie in the device's range."""

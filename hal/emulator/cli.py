@@ -8,10 +8,10 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from types import FrameType
 
+from core import robot_time as time
 from core.arguments import ArgumentParser, count_argument, number_argument
 from core.errors import InputError
 from hal import realtime

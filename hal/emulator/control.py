@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 from core.errors import InputError
+from core.robot_time import Pace
 from hal.contract.types import DeviceError
 
 HOST = "127.0.0.1"
@@ -110,6 +111,10 @@ class ControlClient:
     def device(self, **content: Any) -> dict[str, Any]:
         """Something only this kind of device knows."""
         return self.ask("device", **content)
+
+    def follow(self, pace: Pace) -> None:
+        """Let the emulator's time go by a pace when it begins."""
+        self.ask("follow", **pace._asdict())
 
     def quit(self) -> None:
         """End the emulator."""

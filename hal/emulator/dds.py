@@ -1,12 +1,13 @@
 """The device side of a G1 over DDS: strict about what it is told, and as fast as the robot."""
 
-import time
+import math
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
+from core import robot_time as time
 from core.config import config_file, load_options
 from core.errors import InputError
 from core.rotations import quat_from_axis_angle, quat_mul
@@ -23,7 +24,7 @@ from hal.emulator.dds_motors import HeldMotors, MotorHealth
 from hal.emulator.dds_service import MODES, MotionServer
 from hal.emulator.device import DeviceSide, Worker
 from hal.emulator.faults import DelayLine, FaultKind, Faults
-from hal.emulator.robot import EmulatedRobot
+from hal.emulator.robot import NO_TORQUE, EmulatedRobot, Values
 
 WIRE = "lowstate"
 WRONG_MACHINE = 4
@@ -60,7 +61,10 @@ class DdsDevice(DeviceSide):
         self._slots = SlotMap(robot.robot, options.held)
         self._held = HeldMotors(options.held)
         self._health = MotorHealth(faults, robot.joint_names)
+        self._names, self._joints = robot.joint_names, np.arange(robot.robot.num_joints)
         self._state = STATE.empty()
+        self._state["version"] = VERSION
+        self._state["motor_state"]["mode"][:SLOTS], self._state["motor_state"]["vol"][:SLOTS] = 1, MOTOR_VOLTS
         self._counts: Counter[str] = Counter()
         self._line: DelayLine[Sent] = DelayLine()
         self._remote = Remote((), 0.0, 0.0, 0.0, 0.0)
@@ -76,7 +80,7 @@ class DdsDevice(DeviceSide):
     @property
     def fault_keys(self) -> tuple[str, ...]:
         """See DeviceSide. `lowstate` is the wire as a whole."""
-        return (*self._robot.joint_names, "imu", WIRE)
+        return (*self._names, "imu", WIRE)
 
     def start(self) -> None:
         """See DeviceSide."""
@@ -161,15 +165,13 @@ class DdsDevice(DeviceSide):
     def _obey(self, motors: np.ndarray, now_s: float) -> None:
         modes = motors["mode"][self._slots.robot].tolist()
         columns = [motors[name][self._slots.robot].tolist() for name in ("q", "dq", "kp", "kd", "tau")]
-        for joint, (mode, values) in enumerate(zip(modes, zip(*columns))):
-            name = self._robot.joint_names[joint]
+        told: list[tuple[int, Values]] = []
+        for joint, (mode, q, dq, kp, kd, tau) in enumerate(zip(modes, *columns)):
             self._health.told(joint, mode)
-            if not self._faults.hears(name):
-                continue
-            if mode and self._health.drives(joint):
-                self._robot.command(joint, *values)
-            else:
-                self._robot.slack(joint)
+            if self._faults.hears(self._names[joint]):
+                drives = mode and self._health.drives(joint)
+                told.append((joint, (q, dq, kp, kd, tau, math.inf) if drives else NO_TORQUE))
+        self._robot.command_all(told)
         self._held.obey(motors[self._slots.held], now_s)
 
     def _round(self, now_s: float) -> None:
@@ -184,9 +186,7 @@ class DdsDevice(DeviceSide):
         for body, seen in self._line.arrived(now_s):
             self._publisher.write(LowState_(body))
             self._counts["lowstate sent"] += 1
-            with self._robot.lock:
-                for joint, (pos_rad, vel_rad_s) in enumerate(seen.T.tolist()):
-                    self._robot.report(joint, pos_rad, vel_rad_s)
+            self._robot.report(self._joints, *seen)
         if self._faults.active("second_controller", WIRE):
             self._command_as_another()
 
@@ -222,8 +222,6 @@ class DdsDevice(DeviceSide):
         self._held.advance(now_s)
         pos_rad = seen.joint_pos_rad + self._health.offsets_rad()
         alive = np.flatnonzero(~self._health.silent())
-        motors["mode"][:SLOTS] = 1
-        motors["vol"][:SLOTS] = MOTOR_VOLTS
         motors["q"][places[alive]], motors["dq"][places[alive]] = pos_rad[alive], seen.joint_vel_rad_s[alive]
         motors["tau_est"][places[alive]] = seen.joint_torque_nm[alive]
         motors["temperature"][:SLOTS] = self._health.NOMINAL_CELSIUS
@@ -232,7 +230,7 @@ class DdsDevice(DeviceSide):
         held = self._slots.held
         motors["q"][held], motors["dq"][held] = self._held.pos_rad, self._held.vel_rad_s
         self._fill_imu(seen.imu_quat_wxyz, seen.imu_ang_vel_b, seen.imu_acc_b)
-        state["version"], state["mode_machine"] = VERSION, self._machine
+        state["mode_machine"] = self._machine
         state["mode_pr"] = int(self._faults.active("parallel_mode", WIRE) is not None)
         state["wireless_remote"] = np.frombuffer(encode_remote(self._remote), dtype=np.uint8)
         if not self._faults.active("tick_stands", WIRE):

@@ -2,8 +2,8 @@
 
 import json
 import threading
-import time
 
+from core import robot_time as time
 from hal.dds.link import DdsLink
 from hal.dds.motion_service import (
     BAD_PARAMETER,

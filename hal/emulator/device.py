@@ -2,11 +2,11 @@
 
 import importlib
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+from core import robot_time as time
 from core.errors import InputError
 from hal.emulator.faults import COMMON_KINDS, FaultKind, Faults
 from hal.emulator.robot import EmulatedRobot

@@ -1,10 +1,10 @@
 """The device side of Dynamixel ports: servos that answer at the pace of their wire, on pseudo-terminals."""
 
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from core import robot_time as time
 from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel.protocol2 import Answer, Packet, PacketParser

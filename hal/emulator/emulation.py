@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
+from core import robot_time
 from core.errors import InputError
 from hal.emulator.control import ControlServer
 from hal.emulator.device import device_class, fault_kinds
@@ -92,6 +93,9 @@ class Emulation:
                 return self.status()
             case "device":
                 return self.device.request(content)
+            case "follow":
+                pace = robot_time.Pace(**content)
+                threading.Thread(target=robot_time.follow, args=(pace,), name="pace", daemon=True).start()
             case "quit":
                 self.asked_to_quit.set()
             case _:

@@ -2,7 +2,6 @@
 
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from core import robot_time as time
 from core.errors import InputError
 
 EVERYTHING = "*"
@@ -185,7 +185,7 @@ class Faults:
 
     def powered(self, *keys: str) -> bool:
         """Whether the device has power."""
-        return self.active("brown_out", *keys) is None
+        return not self._now_active() or self.active("brown_out", *keys) is None
 
     def corrupted(self, data: bytes) -> bytes:
         """The bytes with one to three bits flipped."""
@@ -226,6 +226,8 @@ class Faults:
             raise InputError("takes no value", where=f"fault {fault.kind}", got=fault.value)
 
     def _now_active(self) -> list[EmulatedFault]:
+        if not self._faults:  # asked for every frame, mostly in vain
+            return self._faults
         now_s = self._now()
         if now_s < self._until_s:
             return self._active

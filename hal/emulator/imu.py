@@ -1,11 +1,11 @@
 """The device side of a serial IMU: its frames at its rate, on a pseudo-terminal."""
 
-import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
+from core import robot_time as time
 from core.config import config_file, load_options
 from core.rotations import quat_from_axis_angle, quat_mul
 from hal.emulator.device import DeviceSide, Worker

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import IO, Any, Self
 
 from core.errors import InputError
+from core.processes import without_windows
 from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
 
@@ -87,8 +88,9 @@ def launch_emulator(
 def start_emulator(command: Sequence[str]) -> Emulator:
     """Start a command that behaves as `hal/emulate --lifeline`. Raises as `launch_emulator`."""
     errors = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+    pipe = subprocess.PIPE
     process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
+        command, stdin=pipe, stdout=pipe, stderr=errors, start_new_session=True, env=without_windows()
     )
     try:
         ready = _first_line(process)

@@ -8,6 +8,8 @@ import tempfile
 import tty
 from pathlib import Path
 
+from core import robot_time
+
 CHUNK = 4096
 
 
@@ -54,7 +56,7 @@ class Terminal:
 
     def read(self, wait_s: float) -> bytes:
         """What the host has sent, waiting for it up to wait_s."""
-        ready, _, _ = select.select((self._master,), (), (), wait_s)
+        ready, _, _ = select.select((self._master,), (), (), robot_time.machine_s(wait_s))
         if not ready:
             return b""
         with contextlib.suppress(OSError):

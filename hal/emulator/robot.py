@@ -2,14 +2,14 @@
 
 import math
 import threading
-import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hal.emulator.checks import CommandChecks
+from core import robot_time as time
+from hal.emulator.checks import CommandChecks, Index
 from hal.emulator.fair_lock import FairLock
 from hal.emulator.faults import Faults
 from hal.emulator.lean import Lean
@@ -27,13 +27,18 @@ STEP_TOLERANCE = 1e-6
 SLACK, DAMPED, DRIVEN = "slack", "damped", "driven"
 
 
+Values = tuple[float, float, float, float, float, float]
+"""What a motor is told, in joint coordinates: q (rad), dq (rad/s), kp, kd, tau (Nm), and its own torque limit (Nm)."""
+NO_TORQUE: Values = (0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
+
+
 class _Order(NamedTuple):
-    """A motor's new command, from a step on. values: q, dq, kp, kd, tau, limit."""
+    """A motor's new command, from a step on."""
 
     step: int
     time_s: float
     joint: int
-    values: tuple[float, float, float, float, float, float]
+    values: Values
 
 
 class Joints(NamedTuple):
@@ -110,8 +115,7 @@ class EmulatedRobot:
             hang_up(self._plant, self._gantry, robot.default_pos_rad + noise, lift_m=lift_m)
             self._start_s, self._step = self._now(), 0
             self._orders: deque[_Order] = deque()
-            self._table = np.zeros((6, joints))
-            self._table[5] = robot.torque_limit_nm
+            self._in_force: list[Values] = [NO_TORQUE] * joints
             self._plant.cap(robot.torque_limit_nm)
             self._lean = Lean()
             self._told_s = np.full(joints, -np.inf)
@@ -137,17 +141,23 @@ class EmulatedRobot:
         A command that is not finite, or whose gains lie outside `checks.kp_max` and `kd_max`, is counted as a
         violation and not obeyed; one that asks for too much torque is counted and obeyed, clipped.
         """
-        now_s = self._now()
         values = (float(q_rad), float(dq_rad_s), float(kp), float(kd), float(tau_nm), float(limit_nm))
+        self.command_all([(joint, values)])
+
+    def command_all(self, told: Iterable[tuple[int, Values]]) -> None:
+        """Several motors, by their joints, have been told something in one frame. See `command`."""
+        now_s = self._now()
         with self.lock:
-            if not math.isfinite(sum(values[:5])) or math.isnan(limit_nm):
-                self.checks.add(now_s, "not_finite", joint, str(values))
-            elif self.checks.judge_gains(now_s, joint, values[2], values[3]):
-                self._orders.append(_Order(self._step_at(now_s), now_s, joint, values))
+            step = self._step_at(now_s)
+            for joint, values in told:
+                if not math.isfinite(sum(values[:5])) or math.isnan(values[5]):
+                    self.checks.add(now_s, "not_finite", joint, str(values))
+                elif self.checks.judge_gains(now_s, joint, values[2], values[3]):
+                    self._orders.append(_Order(step, now_s, joint, values))
 
     def slack(self, joint: int) -> None:
         """A motor gives no torque from now on."""
-        self.command(joint, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.command_all([(joint, NO_TORQUE)])
 
     def measure(self) -> Measurement:
         """What ideal sensors read now, to the millisecond; `time_s` is monotonic. Not to be written to."""
@@ -168,8 +178,8 @@ class EmulatedRobot:
                 self._seen_joints = (self._step, Joints(*(values.tolist() for values in self._plant.joints())))
             return self._seen_joints[1]
 
-    def report(self, joint: int, pos_rad: float, vel_rad_s: float) -> None:
-        """A device has put this state on the wire, in joint coordinates: what later commands are judged by."""
+    def report(self, joint: Index, pos_rad: float | np.ndarray, vel_rad_s: float | np.ndarray) -> None:
+        """A device has put this state of one joint, or of several, on the wire: what later commands are judged by."""
         with self.lock:
             self.checks.report(joint, self._now(), pos_rad, vel_rad_s)
 
@@ -258,13 +268,14 @@ class EmulatedRobot:
             order = self._orders.popleft()
             self._told_s[order.joint] = time_s = order.time_s
             self._set_mode(order)
-            if order.values != tuple(self._table[:, order.joint].tolist()):
-                self._table[:, order.joint] = order.values
+            if order.values != self._in_force[order.joint]:
+                self._in_force[order.joint] = order.values
                 changed.append(order.joint)
         if not changed:
             return
-        q_rad, dq_rad_s, kp, kd, tau_nm, limit_nm = self._table
-        self.checks.judge_torque(time_s, np.array(changed), self._table[:5])
+        table = np.array(self._in_force).T
+        q_rad, dq_rad_s, kp, kd, tau_nm, limit_nm = table
+        self.checks.judge_torque(time_s, np.array(changed), table[:5])
         self._plant.cap(np.minimum(limit_nm, self.robot.torque_limit_nm))
         command = JointCommand(q_rad, dq_rad_s, kp, kd, tau_nm)
         self._plant.drive(command, self._conditions.kp_scale, self._conditions.kd_scale)

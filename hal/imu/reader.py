@@ -1,11 +1,13 @@
 """Reads a serial IMU: newest sample, its age, and what became of the rest."""
 
-import time
+import os
+import select
 from typing import NamedTuple
 
 import numpy as np
 import serial
 
+from core import robot_time as time
 from hal.contract.types import DeviceError
 from hal.imu.options import PROTOCOLS, ImuOptions
 from hal.imu.sample import Mounting
@@ -16,6 +18,7 @@ FIRST_SAMPLES = 5
 LOOK_S = 0.002
 RATE_WINDOW_S, RATE_PATIENCE_S = 0.1, 1.0
 LEAST_RATE = 0.8
+CHUNK = 4096
 REOPEN_S = 0.5
 LINK_FAULT = "imu: port gone"
 
@@ -134,12 +137,21 @@ class ImuReader:
             self._reopen(now_s)
             return b""
         try:
-            data = bytes(self._port.read(max(1, self._port.in_waiting)))
+            data = self._arrived(self._port.fd)
         except (serial.SerialException, OSError):
             self.close()
             self._retry_s = now_s + REOPEN_S
             return b""
         self._bytes += len(data)
+        return data
+
+    @staticmethod
+    def _arrived(descriptor: int) -> bytes:
+        """What can be read at once. Asking how much it is would wait for the kernel's own work on the line."""
+        if not select.select((descriptor,), (), (), 0.0)[0]:
+            return b""
+        if not (data := os.read(descriptor, CHUNK)):
+            raise OSError("end of file")
         return data
 
     def _reopen(self, now_s: float) -> None:

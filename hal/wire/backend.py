@@ -15,6 +15,7 @@ import numpy as np
 
 from core.clock import Clock
 from core.errors import InputError
+from core.processes import without_windows
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost, NoState, RobotState
@@ -218,6 +219,7 @@ class WireBackend(ClosesByDamping):
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,
+                env=without_windows(),
             )
         self._connection = Connection(here.detach())
         self._send(list(sys.path))

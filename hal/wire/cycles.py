@@ -1,12 +1,12 @@
 """The threads of a wire process: one per cycle, on absolute deadlines, with what they were late."""
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 
+from core import robot_time as time
 from hal import realtime
 from hal.wire.driver import Cycle
 

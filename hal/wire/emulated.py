@@ -1,14 +1,17 @@
 """A wire whose other end is an emulator: the same backend, and a gantry that can be let go."""
 
+import math
 import threading
-import time
+from dataclasses import replace
 from typing import Any
 
+from core import robot_time
 from core.clock import Clock
-from hal.contract.types import DeviceError
+from hal.contract.types import DeviceError, DeviceInfo
 from hal.emulator.launch import Emulator
 from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
 from hal.wire.driver import DriverFactory
+from hal.wire.pace import PaceTrial
 from robot.robot import Robot
 
 DAMPING_S = 0.3
@@ -27,9 +30,26 @@ class EmulatedWireBackend(WireBackend):
         *,
         control_period_s: float = 0.02,
         link_timeout_s: float = LINK_TIMEOUT_S,
+        keep_pace: bool = False,
     ) -> None:
         super().__init__(name, robot, clock, factory, control_period_s=control_period_s, link_timeout_s=link_timeout_s)
-        self.emulator = emulator
+        self.emulator, self._keep_pace = emulator, keep_pace
+
+    def open(self) -> DeviceInfo:
+        """See Backend. With keep_pace, robot time is slowed until this machine keeps up; `details` say by how much."""
+        info = super().open()
+        if not self._keep_pace:
+            return info
+        if any(fault["active"] for fault in self.emulator.control.status()["faults"]):
+            pace = "real time, for a fault is active"  # slower, it would be no better
+        else:
+            pace = PaceTrial(self.clock, self.control_period_s, self._age_s).choose(self._set_pace)
+        return replace(info, details={"pace": pace, **info.details})
+
+    def close(self) -> None:
+        """See Backend. Time goes by the machine's clock again."""
+        super().close()
+        robot_time.follow(robot_time.Pace())
 
     @property
     def gantry_attached(self) -> bool:
@@ -44,23 +64,39 @@ class EmulatedWireBackend(WireBackend):
         threading.Thread(target=self._release, name="release gantry", daemon=True).start()
 
     def report(self) -> dict[str, Any]:
-        """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey, and
-        `driven`: joints that have not heard of damping a moment after it was asked for."""
+        """See WireBackend. Besides, under `emulator`: how late its physics ran, commands that no motor may obey,
+        `driven`: joints that have not heard of damping a moment after it was asked for, and `pace`: machine seconds
+        to a second of its own."""
         report = super().report()
         try:
-            status = self._when_damped(time.monotonic() + DAMPING_S)
+            status = self._when_damped(robot_time.monotonic() + DAMPING_S)
         except DeviceError:
             return report
         driven = [name for name, mode in status["mode"].items() if mode == "driven"]
-        return {**report, "emulator": {"late": status["late"], "violations": status["violations"], "driven": driven}}
+        found = {name: status[name] for name in ("late", "violations")}
+        return {**report, "emulator": {**found, "driven": driven, "pace": robot_time.machine_s(1.0)}}
 
     def _when_damped(self, until_s: float) -> dict[str, Any]:
         """The emulator's status once no joint is driven, at the latest at until_s (monotonic)."""
         while True:
             status = self.emulator.control.status()
-            if "driven" not in status["mode"].values() or time.monotonic() > until_s:
+            if "driven" not in status["mode"].values() or robot_time.monotonic() > until_s:
                 return status
-            time.sleep(0.01)
+            robot_time.sleep(0.01)
+
+    def _age_s(self) -> float:
+        """How long ago the oldest part of the state was measured; inf before all of it was."""
+        snapshot = self._state.snapshot()
+        if snapshot is None:
+            return math.inf
+        return self.clock.now_s() - min(float(snapshot.joint_stamp_s.min()), snapshot.imu_stamp_s)
+
+    def _set_pace(self, factor: float) -> None:
+        """Slow down all three processes at one moment."""
+        pace = robot_time.next_pace(factor)
+        self.emulator.control.follow(pace)
+        self._send(pace)
+        robot_time.follow(pace)
 
     def _release(self) -> None:
         try:

@@ -7,7 +7,6 @@ import gc
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from core import robot_time as time
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
 from hal.wire.cycles import CycleThread
@@ -104,7 +104,7 @@ class WireProcess:
                 return False
             self._answer(driver, request)
 
-    def _answer(self, driver: Driver, request: str) -> None:
+    def _answer(self, driver: Driver, request: object) -> None:
         if request == "enable":
             self._pulse.energise()
             self._attempt("enable", driver.enable)
@@ -115,6 +115,8 @@ class WireProcess:
                 self._outbox.acknowledge()
         elif request == "report":
             self._reply(self._report())
+        elif isinstance(request, time.Pace):
+            time.follow(request)
 
     def _report(self) -> dict[str, Any]:
         cycles = {thread.cycle.name: thread.report() for thread in self._threads}

@@ -4,11 +4,11 @@ import contextlib
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
+from core import robot_time as time
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S
 from hal.wire.cycles import CycleThread
@@ -30,6 +30,11 @@ class StandbyProcess:
     def brief(self, dampers: Sequence[Damper]) -> None:
         """Hand over what damps the devices."""
         self._connection.send(tuple(dampers))
+
+    def follow(self, pace: time.Pace) -> None:
+        """Let it go by this pace too."""
+        with contextlib.suppress(OSError):
+            self._connection.send(pace)
 
     def ended(self) -> bool:
         """Whether it is no more, although nobody has dismissed it."""
@@ -117,7 +122,7 @@ class Standby:
     def _watch(self) -> str:
         """Until the wire process is no more, or silent: which of them."""
         prepared = False
-        while not self._ward.poll(LOOK_S):
+        while not self._ended():
             if self._pulse.energised and not prepared:
                 prepared = True
                 for preparation in self._preparations:
@@ -125,6 +130,15 @@ class Standby:
             if self._silence.lasts(self._pulse.beats) and self._pulse.energised:
                 return "hangs"
         return "has ended"
+
+    def _ended(self) -> bool:
+        """Look once, for a moment, whether the wire process has. It may say at which pace time goes."""
+        try:
+            if self._ward.poll(time.machine_s(LOOK_S)):
+                time.follow(self._ward.recv())
+        except (EOFError, OSError):
+            return True
+        return False
 
     def _take_over(self, dampers: Sequence[Damper], reason: str) -> None:
         self._pulse.take()

@@ -31,7 +31,7 @@ def test_refusals_are_said(monkeypatch):
     said = []
     with realtime(said.append):
         pass
-    assert said[0] == "realtime: no SCHED_FIFO (Operation not permitted)"
+    assert "realtime: no SCHED_FIFO (Operation not permitted)" in said
 
 
 @pytest.mark.parametrize("inherited", [False, True])

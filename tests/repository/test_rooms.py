@@ -57,6 +57,21 @@ def test_every_folder_of_code_is_a_package_that_the_import_rules_can_see() -> No
     assert [str(folder.relative_to(ROOT)) for folder in folders if not (folder / "__init__.py").is_file()] == []
 
 
+def test_what_takes_part_in_an_emulated_run_goes_by_robot_time() -> None:
+    """The machine's own time stays with what says when it is, wakes a person, or waits for a process."""
+    of_the_machine = {"hal/emulator/keyboard.py", "hal/emulator/socketcand.py"}
+    rooms = [ROOT / "hal" / name for name in ("wire", "can", "dds", "dynamixel", "imu", "emulator")]
+    found = {
+        str(path.relative_to(ROOT))
+        for room in rooms
+        for path in room.rglob("*.py")
+        if re.search(
+            r"^import time$|^from time import (?!monotonic_ns)", path.read_text(encoding="utf-8"), re.MULTILINE
+        )
+    }
+    assert found <= of_the_machine
+
+
 def test_no_folder_for_odds_and_ends() -> None:
     names = {part for path in CODE for part in path.relative_to(ROOT).with_suffix("").parts}
     assert names.isdisjoint({"utils", "util", "common", "helpers", "misc"})

@@ -23,6 +23,6 @@ def test_the_report_holds_what_the_emulator_found_as_long_as_there_is_one(monkey
     deaf = {"knee": "driven", "hip": "damped"}
     control = SimpleNamespace(status=lambda: {"time_s": 1.0, **found, "mode": next(modes, deaf)})
     backend = EmulatedWireBackend("wire", G1, MonotonicClock(), lambda robot: None, SimpleNamespace(control=control))
-    assert backend.report() == {"cycles": {}, "emulator": {**found, "driven": ["knee"]}}
+    assert backend.report() == {"cycles": {}, "emulator": {**found, "driven": ["knee"], "pace": 1.0}}
     control.status = gone
     assert backend.report() == {"cycles": {}}
