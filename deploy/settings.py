@@ -33,6 +33,7 @@ class EntrySettings(_Checked):
 class StandUpSettings(_Checked):
     """The way from the measured pose to the start pose."""
 
+    energise_s: float
     damping_s: float
     ramp_s: float
     speed_rad_s: float

@@ -1,4 +1,4 @@
-"""From wherever the joints are to the start pose: gains rise first, then the joints move slowly."""
+"""From wherever the joints are to the start pose: damped first, then gains rise, then the joints move slowly."""
 
 import math
 
@@ -8,6 +8,35 @@ from deploy.safety.rules import Fault, Wish, tilt_rad
 from deploy.settings import StandUpSettings
 from hal.contract.types import RobotState
 from robot.robot import Robot
+
+
+class Settling:
+    """Before standing up: the joints are damped for damping_s by devices that obey. Only then the pose is measured."""
+
+    def __init__(self, settings: StandUpSettings, period_s: float) -> None:
+        self._settings = settings
+        self._damping_ticks = round(settings.damping_s / period_s)
+        self._energise_ticks = round(settings.energise_s / period_s)
+        self.start()
+
+    def start(self) -> None:
+        """Damping has just been asked for."""
+        self._damped = self._waited = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the joints have been damped for long enough."""
+        return self._damped > self._damping_ticks
+
+    def fault(self, state: RobotState) -> Fault | None:
+        """One tick: count what has been damped, or say that the devices still do not obey."""
+        if state.energised:
+            self._damped += 1
+            return None
+        self._damped, self._waited = 0, self._waited + 1
+        if self._waited <= self._energise_ticks:
+            return None
+        return Fault("not_energised", f"no device obeys {self._settings.energise_s:g} s after the first command")
 
 
 class StandUp:

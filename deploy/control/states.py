@@ -9,7 +9,7 @@ import enum
 from collections.abc import Callable, Sequence
 
 from deploy.actor_run import ActorRun
-from deploy.control.stand_up import StandUp
+from deploy.control.stand_up import Settling, StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
 from hal.contract.types import RobotState
@@ -76,9 +76,8 @@ class StateMachine:
         self.output: PolicyOutput | None = None
         self._stand = stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
-        self._damping_ticks = round(settings.stand_up.damping_s / period_s)
+        self._settling = Settling(settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
-        self._rested = 0
         self._hold_wanted = False
         self._sent: Wish | None = None
         self._blend_from: Wish | None = None
@@ -121,8 +120,10 @@ class StateMachine:
 
     def advance(self, state: RobotState, lap: Callable[[str], None] | None = None) -> Wish | Fault | None:
         """One tick: move on where the present state has ended, then ask what moves the joints. None = nothing does."""
-        self._move_on(state)
+        fault = self._move_on(state)
         self.output = None
+        if fault is not None:
+            return fault
         if self.mode is Mode.STAND_UP and self._stand_up is not None:
             fault = self._stand_up.fault(state)
             if fault is not None:
@@ -133,11 +134,12 @@ class StateMachine:
             self._sent = self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
         return self._sent
 
-    def _move_on(self, state: RobotState) -> None:
+    def _move_on(self, state: RobotState) -> Fault | None:
         stand, active = self._stand, self.active
-        if self.mode is Mode.DAMPING and not self.latched:
-            self._rested += 1
-            if self._rested > self._damping_ticks and self._stand_up is not None:
+        if self.mode is Mode.DAMPING and not self.latched and self._stand_up is not None:
+            if fault := self._settling.fault(state):
+                return fault
+            if self._settling.done:
                 self._stand_up.start(state)
                 self.mode = Mode.STAND_UP
         elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
@@ -150,6 +152,7 @@ class StateMachine:
                 self._activate(stand, Mode.HOLD)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
             self._activate(stand, Mode.HOLD)
+        return None
 
     def _end_of_clip(self, state: RobotState) -> None:
         if self._stand is None:
@@ -208,4 +211,4 @@ class StateMachine:
     def _damp(self, *, latched: bool) -> None:
         self.mode, self.latched = Mode.DAMPING, self.latched or latched
         self.active = self._sent = self._blend_from = None
-        self._rested = 0
+        self._settling.start()

@@ -12,7 +12,7 @@ from hal.contract.types import DeviceError, DeviceFault, RobotState
 from robot.robot import Robot
 from world.actuation import JointCommand
 
-OTHER_RULES = ("action_not_finite", "link_loss", "stand_up_error", "stand_up_tilt")
+OTHER_RULES = ("action_not_finite", "link_loss", "not_energised", "stand_up_error", "stand_up_tilt")
 
 
 class Guard:

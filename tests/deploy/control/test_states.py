@@ -97,6 +97,30 @@ def test_nothing_is_sent_in_idle_and_nothing_but_damping_in_damping(folder):
     assert stage(Request.STAND).command is None
 
 
+def test_standing_up_waits_until_the_devices_obey_and_begins_where_the_joints_are_then(folder):
+    """The robot goes limp while its motion service lets go: the pose of before is no longer its own."""
+    stage = Stage(folder)
+    limp = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.3)
+    stage(Request.STAND, reading=replace(state(), energised=False))
+    for _ in range(250):
+        assert stage(reading=replace(state(), energised=False)).mode is Mode.DAMPING
+    waits = [stage(reading=limp).mode for _ in range(2)]
+    first = stage(reading=limp)
+    assert waits == [Mode.DAMPING] * 2 and first.mode is Mode.STAND_UP
+    np.testing.assert_array_equal(first.command.kp, 0.0)
+    np.testing.assert_array_equal(first.command.q_rad, limp.joint_pos_rad)
+
+
+def test_devices_that_never_obey_are_a_fault_of_that_name(folder):
+    stage = Stage(folder, replace(FAST, stand_up=replace(FAST.stand_up, energise_s=1.0)))
+    deaf = replace(state(), energised=False)
+    stage(Request.STAND, reading=deaf)
+    modes = [stage(reading=deaf).fault for _ in range(50)]
+    assert modes[:49] == [None] * 49
+    assert str(modes[49]) == "not_energised: no device obeys 1 s after the first command"
+    assert stage.guard.counts["not_energised"] == 1 and stage.machine.latched
+
+
 @pytest.mark.parametrize(("mode", "request_"), list(itertools.product(Mode, Request)), ids=lambda value: value.name)
 def test_every_request_in_every_state(folder, mode, request_):
     """What is not in the table changes nothing and says why."""
