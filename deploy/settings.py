@@ -149,6 +149,7 @@ class DeploySettings(_Checked):
 
     entry: EntrySettings
     blend_s: float
+    acknowledge_s: float
     stand_up: StandUpSettings
     sequence: SequenceSettings
     safety: SafetySettings

@@ -2,7 +2,8 @@
 
     IDLE -> DAMPING -> STAND_UP -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
 
-Any fault and every operator's stop lead to DAMPING, latched; acknowledging leads to IDLE, never straight up.
+Any fault and every operator's stop lead to DAMPING, latched. A fault in IDLE, where nothing is in force, latches IDLE.
+Acknowledging leads to IDLE once the devices are without fault, never straight up.
 """
 
 import enum
@@ -46,7 +47,7 @@ ALLOWED: dict[Request, frozenset[Mode]] = {
     Request.HOLD: frozenset({Mode.TRACKING}),
     Request.SWITCH: frozenset({Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD}),
     Request.DAMP: frozenset(Mode),
-    Request.ACKNOWLEDGE: frozenset({Mode.DAMPING}),
+    Request.ACKNOWLEDGE: frozenset({Mode.IDLE, Mode.DAMPING}),
     Request.QUIT: frozenset(Mode),
 }
 RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
@@ -56,7 +57,7 @@ class StateMachine:
     """Which actor, if any, moves the joints now. Knows neither clock nor device: one call of `advance` is one tick.
 
     stand: balances in READY and HOLD; without it only `start_tracking` begins, and the clip's end is damped.
-    tracked: the actors to choose from; `selected` is the next to start. fault: what latched DAMPING, if a fault did.
+    tracked: the actors to choose from; `selected` is the next to start. fault: what latched, if a fault did.
     """
 
     def __init__(
@@ -78,6 +79,8 @@ class StateMachine:
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
         self._settling = Settling(settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
+        self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
+        self._patience = 0
         self._hold_wanted = False
         self._sent: Wish | None = None
         self._blend_from: Wish | None = None
@@ -96,7 +99,7 @@ class StateMachine:
                 if self.mode is not Mode.IDLE:
                     self._damp(latched=True)
             case Request.ACKNOWLEDGE:
-                self._acknowledge()
+                self._patience = self._acknowledge_ticks if self.latched else 0
             case Request.STAND:
                 return self._begin_standing()
             case Request.START:
@@ -108,10 +111,27 @@ class StateMachine:
         return None
 
     def trip(self, fault: Fault) -> None:
-        """A fault: DAMPING, latched. The first one stays the reason."""
+        """A fault: latched. The first one stays the reason, until it has been acknowledged in vain."""
+        if self._patience:
+            self._patience -= 1
+            self.fault = self.fault if self._patience else fault
+            return
         if not (self.latched and self.fault):
             self.fault = fault
-        self._damp(latched=True)
+        if self.mode is Mode.IDLE:
+            self.latched = True
+        else:
+            self._damp(latched=True)
+
+    @property
+    def acknowledging(self) -> bool:
+        """Whether the devices' answer to an acknowledgement is waited for."""
+        return self._patience > 0
+
+    def no_fault(self) -> None:
+        """A tick without any fault: what was acknowledged is over."""
+        if self._patience:
+            self.mode, self.latched, self.fault, self._patience = Mode.IDLE, False, None, 0
 
     def start_tracking(self) -> None:
         """Begin in TRACKING at once: a simulated robot was put at the clip's first frame."""
@@ -187,6 +207,8 @@ class StateMachine:
     def _begin_standing(self) -> str | None:
         if self._stand_up is None:
             return "stand refused: there is no stand actor"
+        if self.latched:
+            return f"stand refused: {self.fault}; acknowledge it first"
         self._damp(latched=False)
         return None
 
@@ -204,11 +226,7 @@ class StateMachine:
         self._hold_wanted = True
         return None
 
-    def _acknowledge(self) -> None:
-        if self.latched:
-            self.mode, self.latched, self.fault = Mode.IDLE, False, None
-
     def _damp(self, *, latched: bool) -> None:
-        self.mode, self.latched = Mode.DAMPING, self.latched or latched
+        self.mode, self.latched, self._patience = Mode.DAMPING, self.latched or latched, 0
         self.active = self._sent = self._blend_from = None
         self._settling.start()

@@ -16,8 +16,8 @@ from world.actuation import JointCommand
 class TickResult:
     """command: to be written, or None: the joints are damped, or left alone in IDLE.
 
-    modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
-    stop was cleared. actor, output: who moved the joints and what it computed; None where none did.
+    modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: the devices
+    are to clear what has latched. actor, output: who moved the joints and what it computed; None where none did.
     """
 
     command: JointCommand | None
@@ -52,14 +52,16 @@ class Tick:
         self._mode = machine.mode
         if fault := self._fault_of(reading, inference_s):
             machine.trip(fault)
+        else:
+            machine.no_fault()
         self._note(modes)
         refused = []
         acknowledged = False
         for request in requests:
-            was_latched = machine.latched
+            before = machine.acknowledging
             if answer := machine.request(request, state):
                 refused.append(answer)
-            acknowledged = acknowledged or (was_latched and not machine.latched)
+            acknowledged = acknowledged or (machine.acknowledging and not before)
             self._note(modes)
         command = None if state is None else self._command(state, lap)
         self._note(modes)

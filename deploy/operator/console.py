@@ -2,6 +2,7 @@
 
 import sys
 
+from deploy.control.states import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.safety.rules import Fault
@@ -26,7 +27,8 @@ class Console:
         if result.fault is not self._fault:
             self._fault = result.fault
             if result.fault is not None:
-                print(f"fault: {result.fault}", file=sys.stderr, flush=True)
+                idle = "; IDLE: nothing new is commanded, acknowledge it to go on" if result.mode is Mode.IDLE else ""
+                print(f"fault: {result.fault}{idle}", file=sys.stderr, flush=True)
         if result.refused and self._refusals:
             for refusal in result.refused:
                 print(refusal, file=sys.stderr, flush=True)

@@ -25,7 +25,7 @@ class FakeFactory:
     """journal: a file that gets one line `time event kp kd tau` per thing done to the device (sums of the gains).
 
     refuse, refuse_with: identify raises. fail_at_s, fail_until_s: in between, counted from opening, a round with a
-    command raises. enable_s: how long enabling takes; enable_fails: it raises.
+    command raises. enable_s, acknowledge_s: how long that takes; enable_fails: it raises.
     """
 
     journal: Path | None = None
@@ -36,6 +36,7 @@ class FakeFactory:
     fail_until_s: float = float("inf")
     enable_s: float = 0.0
     enable_fails: bool = False
+    acknowledge_s: float = 0.0
     buttons: tuple[str, ...] = ()
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
 
@@ -110,6 +111,7 @@ class FakeDriver:
         self.note("disable")
 
     def acknowledge(self):
+        time.sleep(self.setup.acknowledge_s)
         self.note("acknowledge")
 
     def close(self):
