@@ -105,9 +105,9 @@ class WireProcess:
             self._outbox.energise()
             self._state.energised(enabled)
         elif request == "acknowledge":
-            self._forget_failures()
             self._state.energised(False)
             if self._attempt("acknowledge", driver.acknowledge):
+                self._forget_failures()
                 self._outbox.acknowledge()
                 self._state.energised(self._outbox.energised)
         elif request == "report":

@@ -94,7 +94,7 @@ def test_one_acknowledgement_is_enough_on_a_wire(folder):
     machine, modes = StateMachine(ROBOT, run, [run], patient, PERIOD_S), []
     operators = [Asked({0: [Request.DAMP], 5: [Request.ACKNOWLEDGE], 10: [Request.STAND]}), OneAcknowledgement(machine)]
     watch = lambda state, result, timer: modes.extend(result.modes)  # noqa: E731
-    factory = FakeFactory(fail_at_s=0.5, fail_until_s=2.0, acknowledge_s=0.2)
+    factory = FakeFactory(fail_at_s=0.5, fail_until_s=2.0, acknowledge_s=0.3)
     with WireBackend("fake", ROBOT, MonotonicClock(), factory, control_period_s=PERIOD_S) as backend:
         ready(backend)
         tick = Tick(machine, Guard(ROBOT, patient, PERIOD_S))
