@@ -35,8 +35,12 @@ class StandUpSettings(_Checked):
 
     energise_s: float
     damping_s: float
+    rest_rad: float
+    rest_s: float
     ramp_s: float
     speed_rad_s: float
+    lag_rad: float
+    lag_s: float
     max_error_rad: float
     max_tilt_rad: float
 

@@ -77,7 +77,7 @@ class StateMachine:
         self.output: PolicyOutput | None = None
         self._stand = stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
-        self._settling = Settling(settings.stand_up, period_s)
+        self._settling = Settling(robot, settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
         self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
         self._patience = 0

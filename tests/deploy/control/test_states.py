@@ -216,6 +216,60 @@ def test_stand_up_aborts(folder, bad, rule):
     assert stage.guard.counts[rule] == 1
 
 
+def test_a_joint_that_lags_is_waited_for_while_the_others_go_on(folder):
+    """A shoulder held by hand stands 0.6 rad away: its target goes no farther than 0.25 rad ahead."""
+    shoulder = ROBOT.joint_names.index("right_shoulder_pitch_joint")
+    held_rad = ROBOT.default_pos_rad[shoulder] - 0.6
+    start = state(joint_pos_rad=ROBOT.default_pos_rad - 0.1)
+    start.joint_pos_rad[shoulder] = held_rad
+    stage = Stage(folder)
+    stage(Request.STAND, reading=start)
+    result = stage.until(Mode.STAND_UP, reading=start)
+    for _ in range(150):
+        followed = result.command.q_rad.copy()
+        followed[shoulder] = held_rad
+        result = stage(reading=state(joint_pos_rad=followed))
+    assert result.mode is Mode.STAND_UP
+    assert result.command.q_rad[shoulder] - held_rad == pytest.approx(0.25)  # which is as much as its 25 Nm allow
+    others = np.delete(result.command.q_rad - ROBOT.default_pos_rad, shoulder)
+    assert np.abs(others).max() < 1e-3
+    speeds = []
+    while result.mode is Mode.STAND_UP:
+        before = result.command.q_rad[shoulder]
+        result = stage(reading=state(joint_pos_rad=result.command.q_rad))
+        speeds.append((result.command.q_rad[shoulder] - before) / PERIOD_S)
+    assert result.mode is Mode.READY and len(speeds) > 20 and max(speeds[:-1]) < 0.8 + 1e-9
+
+
+def test_a_joint_that_never_comes_is_a_fault_of_that_name(folder):
+    behind = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.26)
+    stage = Stage(folder).bring_to(Mode.STAND_UP)
+    faults = [stage(reading=behind).fault for _ in range(151)]
+    assert faults[:150] == [None] * 150
+    assert str(faults[150]) == "stand_up_lag: left_knee_joint is 0.26 rad behind, for 3 s"
+    assert stage.guard.counts["stand_up_lag"] == 1
+
+
+def test_standing_up_begins_when_the_joints_have_come_to_rest(folder):
+    stage = Stage(folder)
+    stage(Request.STAND)
+    for tick in range(100):
+        falling = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.16 * tick)
+        assert stage(reading=falling).mode is Mode.DAMPING
+    modes = [stage(reading=falling).mode for _ in range(3)]
+    assert modes == [Mode.DAMPING, Mode.STAND_UP, Mode.STAND_UP]
+
+
+def test_joints_that_never_rest_are_a_fault_of_that_name(folder):
+    stage = Stage(folder, replace(FAST, stand_up=replace(FAST.stand_up, rest_s=1.0)))
+    for tick in range(60):
+        swinging = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.2 * (tick % 2))
+        result = stage(*([] if tick else [Request.STAND]), reading=swinging)
+        if result.fault:
+            break
+    assert tick == 50 and str(result.fault) == "not_at_rest: left_knee_joint still moves after 1 s of damping"
+
+
 def test_stand_up_goes_on_just_inside_its_limits(folder):
     stage = Stage(folder).bring_to(Mode.STAND_UP)
     leaning = with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.49, imu_quat_wxyz=tilted(0.49))
