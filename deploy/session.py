@@ -60,7 +60,8 @@ def run_session(options: RunOptions, signals: StopSignals) -> RunReport:
     with contextlib.ExitStack() as stack:
         setup = _prepare(options, stack)
         report_only = options.backend == "mujoco" and setup.sim.report_only
-        cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
+        modes = {"report_only": report_only, "fixed_stand": options.on_real_wire}
+        cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, **modes)
         film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
         stack.enter_context(contextlib.closing(setup.backend))
         _preflight(options, setup, setup.backend.open())

@@ -1,6 +1,8 @@
 """The states of a running robot and every way between them.
 
-    IDLE -> DAMPING -> STAND_UP -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
+    IDLE -> DAMPING -> STAND_UP [-> FIXED_STAND] -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
+
+FIXED_STAND is passed where somebody must put the robot on its feet first: the start pose is held, nothing balances.
 
 Any fault and every operator's stop lead to DAMPING, latched. A fault in IDLE, where nothing is in force, latches IDLE.
 Acknowledging leads to IDLE once the devices are without fault, never straight up.
@@ -16,6 +18,7 @@ from deploy.settings import DeploySettings
 from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot
+from world.actuation import JointCommand
 
 
 class Mode(enum.Enum):
@@ -24,6 +27,7 @@ class Mode(enum.Enum):
     IDLE = "IDLE"
     DAMPING = "damping"
     STAND_UP = "STAND_UP"
+    FIXED_STAND = "FIXED_STAND"
     READY = "READY"
     TRACKING = "TRACKING"
     HOLD = "HOLD"
@@ -42,15 +46,16 @@ class Request(enum.Enum):
 
 
 ALLOWED: dict[Request, frozenset[Mode]] = {
-    Request.STAND: frozenset({Mode.IDLE}),
+    Request.STAND: frozenset({Mode.IDLE, Mode.FIXED_STAND}),
     Request.START: frozenset({Mode.READY, Mode.HOLD}),
     Request.HOLD: frozenset({Mode.TRACKING}),
-    Request.SWITCH: frozenset({Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD}),
+    Request.SWITCH: frozenset(Mode) - {Mode.DAMPING},
     Request.DAMP: frozenset(Mode),
     Request.ACKNOWLEDGE: frozenset({Mode.IDLE, Mode.DAMPING}),
     Request.QUIT: frozenset(Mode),
 }
 RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
+RISING = frozenset({Mode.STAND_UP, Mode.FIXED_STAND})
 
 
 class StateMachine:
@@ -58,6 +63,7 @@ class StateMachine:
 
     stand: balances in READY and HOLD; without it only `start_tracking` begins, and the clip's end is damped.
     tracked: the actors to choose from; `selected` is the next to start. fault: what latched, if a fault did.
+    fixed_stand: whether the start pose is held until a second STAND; otherwise the stand actor takes over by itself.
     """
 
     def __init__(
@@ -67,6 +73,8 @@ class StateMachine:
         tracked: Sequence[ActorRun],
         settings: DeploySettings,
         period_s: float,
+        *,
+        fixed_stand: bool = False,
     ) -> None:
         self.mode = Mode.IDLE
         self.fault: Fault | None = None
@@ -75,7 +83,7 @@ class StateMachine:
         self.tracked = tuple(tracked)
         self.active: ActorRun | None = None
         self.output: PolicyOutput | None = None
-        self._stand = stand
+        self._stand, self._fixed_stand = stand, fixed_stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
         self._settling = Settling(robot, settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
@@ -101,7 +109,7 @@ class StateMachine:
             case Request.ACKNOWLEDGE:
                 self._patience = self._acknowledge_ticks if self.latched else 0
             case Request.STAND:
-                return self._begin_standing()
+                return self._stand_asked(state)
             case Request.START:
                 return self._start_selected(state)
             case Request.HOLD:
@@ -144,15 +152,16 @@ class StateMachine:
         self.output = None
         if fault is not None:
             return fault
-        if self.mode is Mode.STAND_UP and self._stand_up is not None:
-            fault = self._stand_up.fault(state)
-            if fault is not None:
-                return fault
-            self._sent = self._stand_up.wish()
-        elif self.active is not None:
-            self.output = self.active.act(state, lap)
-            self._sent = self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
-        return self._sent
+        if self.mode in RISING and self._stand_up is not None:
+            return self._stand_up.fault(state) or self._stand_up.wish()
+        if self.active is None:
+            return None
+        self.output = self.active.act(state, lap)
+        return self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
+
+    def sent(self, command: JointCommand) -> None:
+        """What became of the wish: where the next actor's blending begins."""
+        self._sent = Wish(command.q_rad, command.kp, command.kd)
 
     def _move_on(self, state: RobotState) -> Fault | None:
         stand, active = self._stand, self.active
@@ -163,7 +172,9 @@ class StateMachine:
                 self._stand_up.start(state)
                 self.mode = Mode.STAND_UP
         elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
-            if stand.obstacle(state) is None:
+            if self._fixed_stand:
+                self.mode = Mode.FIXED_STAND
+            elif stand.obstacle(state) is None:
                 self._activate(stand, Mode.READY)
         elif self.mode is Mode.TRACKING and active:
             if active.finished:
@@ -189,7 +200,7 @@ class StateMachine:
         self._hold_wanted = False
 
     def _blend(self, wish: Wish) -> Wish:
-        """From what was last sent when the actor took over, to the actor's own targets and gains."""
+        """From what was last sent, safety's limits included, when the actor took over, to its own targets and gains."""
         before = self._blend_from
         if before is None:
             return wish
@@ -204,12 +215,17 @@ class StateMachine:
             before.kd + share * (wish.kd - before.kd),
         )
 
-    def _begin_standing(self) -> str | None:
-        if self._stand_up is None:
+    def _stand_asked(self, state: RobotState | None) -> str | None:
+        if self._stand is None:
             return "stand refused: there is no stand actor"
         if self.latched:
             return f"stand refused: {self.fault}; acknowledge it first"
-        self._damp(latched=False)
+        if self.mode is Mode.IDLE:
+            self._damp(latched=False)
+            return None
+        if why := "no state" if state is None else self._stand.obstacle(state):
+            return f"balancing refused: {why}"
+        self._activate(self._stand, Mode.READY)
         return None
 
     def _start_selected(self, state: RobotState | None) -> str | None:

@@ -86,7 +86,9 @@ class Tick:
         elif isinstance(wish, Fault):
             machine.trip(guard.counted(wish))
         elif wish is not None:
-            return guard.command(wish, state)
+            command = guard.command(wish, state)
+            machine.sent(command)
+            return command
         return None
 
     def _note(self, modes: list[Mode]) -> None:

@@ -24,6 +24,8 @@ class Console:
         if result.modes:
             for mode in result.modes:
                 print(mode.value, flush=True)
+            if result.mode is Mode.FIXED_STAND:
+                print("put it on its feet, then ask to stand once more: it balances", flush=True)
         if result.fault is not self._fault:
             self._fault = result.fault
             if result.fault is not None:

@@ -53,6 +53,7 @@ class Stage:
 
     def bring_to(self, mode):
         """To any state the way an operator would."""
+        self.machine._fixed_stand = mode is Mode.FIXED_STAND
         if mode is Mode.IDLE:
             return self
         self(Request.STAND)
@@ -60,6 +61,9 @@ class Stage:
             return self
         self.until(Mode.STAND_UP)
         if mode is Mode.STAND_UP:
+            return self
+        if mode is Mode.FIXED_STAND:
+            self.until(mode)
             return self
         self.until(Mode.READY)
         if mode is Mode.READY:
@@ -125,12 +129,12 @@ def test_devices_that_never_obey_are_a_fault_of_that_name(folder):
 def test_every_request_in_every_state(folder, mode, request_):
     """What is not in the table changes nothing and says why."""
     expected = {
-        Request.STAND: {Mode.IDLE: Mode.DAMPING},
+        Request.STAND: {Mode.IDLE: Mode.DAMPING, Mode.FIXED_STAND: Mode.READY},
         Request.START: {Mode.READY: Mode.TRACKING, Mode.HOLD: Mode.TRACKING},
         Request.DAMP: dict.fromkeys(Mode, Mode.DAMPING),
         Request.QUIT: dict.fromkeys(Mode, Mode.DAMPING) | {Mode.IDLE: Mode.IDLE},
         Request.HOLD: {Mode.TRACKING: Mode.HOLD},
-        Request.SWITCH: {m: m for m in (Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD)},
+        Request.SWITCH: {m: m for m in Mode if m is not Mode.DAMPING},
         Request.ACKNOWLEDGE: {m: m for m in (Mode.IDLE, Mode.DAMPING)},
     }[request_]
     stage = Stage(folder).bring_to(mode)
@@ -329,6 +333,29 @@ def test_targets_and_gains_blend_from_what_was_last_sent(folder):
     after = [stage(Request.START).command] + [stage().command for _ in range(5)]
     moved = [(command.q_rad - before.q_rad)[KNEE] for command in after]
     np.testing.assert_allclose(moved, step * np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.0]), atol=1e-6)
+
+
+def test_blending_begins_at_what_safety_let_through(folder):
+    """The stand actor asks for 2 rad at the knee; 139 Nm at 150 Nm/rad allow 0.927."""
+    stand = linear_run(folder, {(GRAVITY_Z, "left_knee_joint"): -2.0}, name="far")
+    stage = Stage(folder, stand=stand, tracked=[linear_run(folder, name="near")]).bring_to(Mode.READY)
+    allowed_rad = 139.0 / 150.0
+    assert stage().command.q_rad[KNEE] - ROBOT.default_pos_rad[KNEE] == pytest.approx(allowed_rad, abs=1e-6)
+    first = stage(Request.START).command
+    assert first.q_rad[KNEE] - ROBOT.default_pos_rad[KNEE] == pytest.approx(0.8 * allowed_rad, abs=1e-6)
+
+
+def test_the_start_pose_is_held_until_balancing_is_asked_for(folder):
+    stage = Stage(folder).bring_to(Mode.FIXED_STAND)
+    for _ in range(200):
+        result = stage()
+        assert result.mode is Mode.FIXED_STAND and result.actor is None
+        np.testing.assert_allclose(result.command.q_rad, ROBOT.default_pos_rad, atol=1e-3)
+        np.testing.assert_array_equal(result.command.kp, ROBOT.kp)
+    hanging = stage(Request.STAND, reading=state(imu_quat_wxyz=tilted(0.2)))
+    assert hanging.mode is Mode.FIXED_STAND
+    assert hanging.refused == ("balancing refused: tilt 0.20 rad, limit 0.1",)
+    assert stage(reading=state(imu_quat_wxyz=tilted(0.51))).fault.rule == "stand_up_tilt"
 
 
 def test_gains_blend_too(folder):
