@@ -22,7 +22,7 @@ class Cell:
     """Everything that remembers and decides during one run; it serves one run and opens nothing.
 
     tracked: the actors to choose from, at least one, all of one control period; stand: balances between them.
-    report_only: see Guard.
+    report_only: see Guard. fixed_stand: see StateMachine.
     """
 
     def __init__(
@@ -33,9 +33,10 @@ class Cell:
         stand: ActorRun | None = None,
         *,
         report_only: bool = False,
+        fixed_stand: bool = False,
     ) -> None:
         self._settings, self._period_s = settings, tracked[0].period_s
-        self.machine = StateMachine(robot, stand, tracked, settings, self._period_s)
+        self.machine = StateMachine(robot, stand, tracked, settings, self._period_s, fixed_stand=fixed_stand)
         self.guard = Guard(robot, settings, self._period_s, report_only=report_only)
         self.tick = Tick(self.machine, self.guard)
         self.recorder = Recorder()

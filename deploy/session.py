@@ -76,7 +76,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
         with signals.breaking_off():
             setup = _prepare(options, stack, voice)
             report_only = options.backend == "mujoco" and setup.sim.report_only
-            cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, report_only=report_only)
+            modes = {"report_only": report_only, "fixed_stand": options.on_real_wire}
+            cell = Cell(setup.robot, setup.settings, setup.actors, setup.stand, **modes)
             film = None if options.video is None else _new_film(options.video, cell.recorder, setup)
             stack.enter_context(contextlib.closing(setup.backend))
             _require_dry_runs(options, setup, None)

@@ -56,9 +56,14 @@ class ActorSettings(_Checked):
 class StandUpSettings(_Checked):
     """The way from the measured pose to the start pose."""
 
+    energise_s: float
     damping_s: float
+    rest_rad: float
+    rest_s: float
     ramp_s: float
     speed_rad_s: float
+    lag_rad: float
+    lag_s: float
     max_error_rad: float
     max_tilt_rad: float
 
@@ -310,6 +315,7 @@ class DeploySettings(_Checked):
     actor: ActorSettings
     entry: EntrySettings
     blend_s: float
+    acknowledge_s: float
     stand_up: StandUpSettings
     lowering: LoweringSettings | None
     sequence: SequenceSettings

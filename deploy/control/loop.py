@@ -105,7 +105,6 @@ class Loop:
 
     def _requests(self, reading: RobotState | DeviceError) -> list[Request]:
         asked = [request for operator in self._operators for request in operator.poll()]
-        self._in_charge |= Request.DAMP in asked
         if Request.QUIT in asked:
             self.ended_by = "operator"
         elif Request.FINISH in asked:
@@ -129,7 +128,7 @@ class Loop:
         try:
             if result.acknowledged:
                 self._backend.acknowledge()
-            damps = result.mode is Mode.DAMPING and (self._in_charge or result.fault is None)
+            damps = result.mode is Mode.DAMPING
             self._in_charge |= damps or result.command is not None
             if result.command is not None:
                 self._backend.write(result.command)

@@ -55,10 +55,10 @@ class Unattended:
         self._mode = machine.mode
         self._free += self._release.released
         match machine.mode:
+            case Mode.IDLE | Mode.DAMPING if machine.latched:
+                return (Request.FINISH,)
             case Mode.IDLE:
                 return () if self._in_mode else (Request.STAND,)
-            case Mode.DAMPING if machine.latched:
-                return (Request.FINISH,)
             case Mode.READY if self._free > self._after_release and state is not None:
                 self._give_up_if_late(machine.tracked[machine.selected].obstacle(state))
                 return (Request.START,) if self.failure is None else (Request.FINISH,)

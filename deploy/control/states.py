@@ -1,9 +1,12 @@
 """The states of a running robot and every way between them.
 
-    IDLE -> DAMPING -> STAND_UP -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
+    IDLE -> DAMPING -> STAND_UP [-> FIXED_STAND] -> READY -> TRACKING -> HOLD -> (next actor | DAMPING)
+
+FIXED_STAND is passed where somebody must put the robot on its feet first: the start pose is held, nothing balances.
 
 An orderly end out of READY or HOLD lowers the robot first: LOWERING -> DAMPING.
-Any fault and every operator's stop lead to DAMPING, latched; acknowledging leads to IDLE, never straight up.
+Any fault and every operator's stop lead to DAMPING, latched. A fault in IDLE, where nothing is in force, latches IDLE.
+Acknowledging leads to IDLE once the devices are without fault, never straight up.
 """
 
 import enum
@@ -11,12 +14,13 @@ from collections.abc import Callable, Sequence
 
 from deploy.actor_run import ActorRun
 from deploy.control.lowering import lowering_for
-from deploy.control.stand_up import StandUp
+from deploy.control.stand_up import Settling, StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
 from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot
+from world.actuation import JointCommand
 
 
 class Mode(enum.Enum):
@@ -25,6 +29,7 @@ class Mode(enum.Enum):
     IDLE = "IDLE"
     DAMPING = "damping"
     STAND_UP = "STAND_UP"
+    FIXED_STAND = "FIXED_STAND"
     READY = "READY"
     TRACKING = "TRACKING"
     HOLD = "HOLD"
@@ -45,16 +50,17 @@ class Request(enum.Enum):
 
 
 ALLOWED: dict[Request, frozenset[Mode]] = {
-    Request.STAND: frozenset({Mode.IDLE}),
+    Request.STAND: frozenset({Mode.IDLE, Mode.FIXED_STAND}),
     Request.START: frozenset({Mode.READY, Mode.HOLD}),
     Request.HOLD: frozenset({Mode.TRACKING}),
-    Request.SWITCH: frozenset({Mode.IDLE, Mode.STAND_UP, Mode.READY, Mode.TRACKING, Mode.HOLD}),
+    Request.SWITCH: frozenset(Mode) - {Mode.DAMPING},
     Request.DAMP: frozenset(Mode),
-    Request.ACKNOWLEDGE: frozenset({Mode.DAMPING}),
+    Request.ACKNOWLEDGE: frozenset({Mode.IDLE, Mode.DAMPING}),
     Request.FINISH: frozenset(Mode),
     Request.QUIT: frozenset(Mode),
 }
 RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
+RISING = frozenset({Mode.STAND_UP, Mode.FIXED_STAND})
 STANDING = frozenset({Mode.READY, Mode.HOLD})
 
 
@@ -62,7 +68,8 @@ class StateMachine:
     """Which actor, if any, moves the joints now. Knows neither clock nor device: one call of `advance` is one tick.
 
     stand: balances in READY and HOLD; without it only `start_tracking` begins, and the clip's end is damped.
-    tracked: the actors to choose from; `selected` is the next to start. fault: what latched DAMPING, if a fault did.
+    tracked: the actors to choose from; `selected` is the next to start. fault: what latched, if a fault did.
+    fixed_stand: whether the start pose is held until a second STAND; otherwise the stand actor takes over by itself.
     """
 
     def __init__(
@@ -72,6 +79,8 @@ class StateMachine:
         tracked: Sequence[ActorRun],
         settings: DeploySettings,
         period_s: float,
+        *,
+        fixed_stand: bool = False,
     ) -> None:
         self.mode = Mode.IDLE
         self.fault: Fault | None = None
@@ -80,12 +89,13 @@ class StateMachine:
         self.tracked = tuple(tracked)
         self.active: ActorRun | None = None
         self.output: PolicyOutput | None = None
-        self._stand = stand
+        self._stand, self._fixed_stand = stand, fixed_stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
         self._lowering = None if stand is None else lowering_for(robot, stand.start_pose_rad, settings, period_s)
-        self._damping_ticks = round(settings.stand_up.damping_s / period_s)
+        self._settling = Settling(robot, settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
-        self._rested = 0
+        self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
+        self._patience = 0
         self._hold_wanted = False
         self._sent: Wish | None = None
         self._blend_from: Wish | None = None
@@ -106,9 +116,9 @@ class StateMachine:
                 if self.mode is not Mode.IDLE:
                     self._damp(latched=True)
             case Request.ACKNOWLEDGE:
-                self._acknowledge()
+                self._patience = self._acknowledge_ticks if self.latched else 0
             case Request.STAND:
-                return self._begin_standing()
+                return self._stand_asked(state)
             case Request.START:
                 return self._start_selected(state)
             case Request.HOLD:
@@ -118,10 +128,27 @@ class StateMachine:
         return None
 
     def trip(self, fault: Fault) -> None:
-        """A fault: DAMPING, latched. The first one stays the reason."""
+        """A fault: latched. The first one stays the reason, until it has been acknowledged in vain."""
+        if self._patience:
+            self._patience -= 1
+            self.fault = self.fault if self._patience else fault
+            return
         if not (self.latched and self.fault):
             self.fault = fault
-        self._damp(latched=True)
+        if self.mode is Mode.IDLE:
+            self.latched = True
+        else:
+            self._damp(latched=True)
+
+    @property
+    def acknowledging(self) -> bool:
+        """Whether the devices' answer to an acknowledgement is waited for."""
+        return self._patience > 0
+
+    def no_fault(self) -> None:
+        """A tick without any fault: what was acknowledged is over."""
+        if self._patience:
+            self.mode, self.latched, self.fault, self._patience = Mode.IDLE, False, None, 0
 
     def start_tracking(self) -> None:
         """Begin in TRACKING at once: a simulated robot was put at the clip's first frame."""
@@ -130,29 +157,35 @@ class StateMachine:
 
     def advance(self, state: RobotState, lap: Callable[[str], None] | None = None) -> Wish | Fault | None:
         """One tick: move on where the present state has ended, then ask what moves the joints. None = nothing does."""
-        self._move_on(state)
+        fault = self._move_on(state)
         self.output = None
-        if self.mode is Mode.STAND_UP and self._stand_up is not None:
-            fault = self._stand_up.fault(state)
-            if fault is not None:
-                return fault
-            self._sent = self._stand_up.wish()
-        elif self.mode is Mode.LOWERING and self._lowering is not None:
-            self._sent = self._lowering.wish(state)
-        elif self.active is not None:
-            self.output = self.active.act(state, lap)
-            self._sent = self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
-        return self._sent
+        if fault is not None:
+            return fault
+        if self.mode in RISING and self._stand_up is not None:
+            return self._stand_up.fault(state) or self._stand_up.wish()
+        if self.mode is Mode.LOWERING and self._lowering is not None:
+            return self._lowering.wish(state)
+        if self.active is None:
+            return None
+        self.output = self.active.act(state, lap)
+        return self._blend(Wish(self.output.target_rad, self.output.kp, self.output.kd))
 
-    def _move_on(self, state: RobotState) -> None:
+    def sent(self, command: JointCommand) -> None:
+        """What became of the wish: where the next actor's blending begins."""
+        self._sent = Wish(command.q_rad, command.kp, command.kd)
+
+    def _move_on(self, state: RobotState) -> Fault | None:
         stand, active = self._stand, self.active
-        if self.mode is Mode.DAMPING and not self.latched:
-            self._rested += 1
-            if self._rested > self._damping_ticks and self._stand_up is not None:
+        if self.mode is Mode.DAMPING and not self.latched and self._stand_up is not None:
+            if fault := self._settling.fault(state):
+                return fault
+            if self._settling.done:
                 self._stand_up.start(state)
                 self.mode = Mode.STAND_UP
         elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
-            if stand.obstacle(state) is None:
+            if self._fixed_stand:
+                self.mode = Mode.FIXED_STAND
+            elif stand.obstacle(state) is None:
                 self._activate(stand, Mode.READY)
         elif self.mode is Mode.TRACKING and active:
             if active.finished:
@@ -164,6 +197,7 @@ class StateMachine:
                 self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
             self._activate(stand, Mode.HOLD)
+        return None
 
     def _end_of_clip(self, state: RobotState) -> None:
         if self._stand is None:
@@ -180,7 +214,7 @@ class StateMachine:
         self._hold_wanted = False
 
     def _blend(self, wish: Wish) -> Wish:
-        """From what was last sent when the actor took over, to the actor's own targets and gains."""
+        """From what was last sent, safety's limits included, when the actor took over, to its own targets and gains."""
         before = self._blend_from
         if before is None:
             return wish
@@ -195,10 +229,17 @@ class StateMachine:
             before.kd + share * (wish.kd - before.kd),
         )
 
-    def _begin_standing(self) -> str | None:
-        if self._stand_up is None:
+    def _stand_asked(self, state: RobotState | None) -> str | None:
+        if self._stand is None:
             return "stand refused: there is no stand actor"
-        self._damp(latched=False)
+        if self.latched:
+            return f"stand refused: {self.fault}; acknowledge it first"
+        if self.mode is Mode.IDLE:
+            self._damp(latched=False)
+            return None
+        if why := "no state" if state is None else self._stand.obstacle(state):
+            return f"balancing refused: {why}"
+        self._activate(self._stand, Mode.READY)
         return None
 
     def _begin_lowering(self) -> bool:
@@ -225,11 +266,7 @@ class StateMachine:
         self._hold_wanted = True
         return None
 
-    def _acknowledge(self) -> None:
-        if self.latched:
-            self.mode, self.latched, self.fault = Mode.IDLE, False, None
-
     def _damp(self, *, latched: bool) -> None:
-        self.mode, self.latched = Mode.DAMPING, self.latched or latched
+        self.mode, self.latched, self._patience = Mode.DAMPING, self.latched or latched, 0
         self.active = self._sent = self._blend_from = None
-        self._rested = 0
+        self._settling.start()

@@ -16,9 +16,9 @@ from world.actuation import JointCommand
 class TickResult:
     """command: to be written, or None: the joints are damped, or left alone in IDLE.
 
-    modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: a latched
-    stop was cleared. actor, output: who moved the joints and what it computed; None where none did. warning: what will
-    trip before long; it has asked for HOLD. requests: what was asked for.
+    modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: the devices
+    are to clear what has latched. actor, output: who moved the joints and what it computed; None where none did.
+    warning: what will trip before long; it has asked for HOLD. requests: what was asked for.
     """
 
     command: JointCommand | None
@@ -58,16 +58,18 @@ class Tick:
         self._mode = machine.mode
         if fault := self._fault_of(reading if state is None else state, inference_s, overran):
             machine.trip(fault)
+        else:
+            machine.no_fault()
         self._note(modes)
         if guard.warning is not None and machine.mode is Mode.TRACKING:
             machine.request(Request.HOLD, state)
         refused = []
         acknowledged = False
         for request in requests:
-            was_latched = machine.latched
+            before = machine.acknowledging
             if answer := machine.request(request, state):
                 refused.append(answer)
-            acknowledged = acknowledged or (was_latched and not machine.latched)
+            acknowledged = acknowledged or (machine.acknowledging and not before)
             self._note(modes)
         command = None if state is None else self._command(state, lap)
         self._note(modes)
@@ -93,7 +95,9 @@ class Tick:
         elif isinstance(wish, Fault):
             machine.trip(guard.counted(wish))
         elif wish is not None:
-            return guard.command(wish, state)
+            command = guard.command(wish, state)
+            machine.sent(command)
+            return command
         return None
 
     def _note(self, modes: list[Mode]) -> None:

@@ -34,11 +34,14 @@ class Console:
             self._mode, self._damped, self._waited = mode, None, 0
             if mode is not Mode.DAMPING:
                 self._voice.say(mode.value)
+            if mode is Mode.FIXED_STAND:
+                self._voice.say("put it on its feet, then ask to stand once more: it balances")
         self._watch_damping()
         if result.fault is not self._fault:
             self._fault = result.fault
             if result.fault is not None:
-                self._voice.complain(f"fault: {result.fault}")
+                idle = "; IDLE: nothing new is commanded, acknowledge it to go on" if result.mode is Mode.IDLE else ""
+                self._voice.complain(f"fault: {result.fault}{idle}")
         if result.warning is not None and not self._warned:
             self._voice.complain(f"warning: {result.warning}")
         self._warned = result.warning is not None

@@ -15,7 +15,8 @@ from policy.controller import PolicyOutput
 from robot.robot import Robot
 from world.actuation import JointCommand
 
-OTHER_RULES = ("action_not_finite", "link_loss", "stand_up_error", "stand_up_tilt")
+STAND_UP_RULES = ("not_energised", "not_at_rest", "stand_up_error", "stand_up_lag", "stand_up_tilt")
+OTHER_RULES = ("action_not_finite", "link_loss", *STAND_UP_RULES)
 
 
 class Guard:

@@ -37,6 +37,8 @@ class RobotState:
     imu_quat_wxyz: IMU (base) to world. imu_ang_vel_b in rad/s. imu_acc_b: specific force in m/s^2, (0, 0, 9.81) at
     rest upright.
     temperature_c: (J,) or None where the device has no sensor. faults: the device's own, by name; empty when healthy.
+    energised: whether the devices obey what is written. False before the first command, and for as long after it as
+    a motion service takes to let go or servos take to be enabled.
     """
 
     time_s: float
@@ -50,6 +52,7 @@ class RobotState:
     imu_age_s: float
     temperature_c: np.ndarray | None = None
     faults: tuple[str, ...] = ()
+    energised: bool = True
     truth: TrueState | None = None
 
     def __post_init__(self) -> None:

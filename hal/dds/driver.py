@@ -28,6 +28,7 @@ from world.actuation import damping_command
 
 COMMAND_TOPIC = "rt/lowcmd"
 LISTEN_S = 0.2
+HEARER_S = 2.0
 SECOND_CHECK_S = 0.05
 DISABLING_FRAMES = 20
 FEWEST_STATES = 10
@@ -39,8 +40,8 @@ class DdsDriver:
     """See hal.wire.driver.Driver.
 
     `enable` has the onboard motion service let go and makes sure that nobody else commands; only then LowCmd is sent,
-    at `command_hz`. Damping frame: LowCmd with mode 1, kp = 0 and the robot's damping kd, the held joints likewise.
-    `disable` sends mode 0.
+    at `command_hz`, damping from the first one on. Damping frame: LowCmd with mode 1, kp = 0 and the robot's damping
+    kd, the held joints likewise. `disable` sends mode 0.
     """
 
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
@@ -48,6 +49,7 @@ class DdsDriver:
         self._options = options
         self._slots = SlotMap(robot, options.held)
         self._period_s = 1.0 / options.command_hz
+        self._damping = Outgoing(Kind.DAMP, damping_command(robot.damping_kd))
         self._frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
         self._states: StateReader | None = None
         self._taken = False
@@ -105,7 +107,8 @@ class DdsDriver:
         return [Cycle("dds", self._period_s, self._run)]
 
     def enable(self) -> None:
-        """See Driver. The robot goes limp where its motion service was active."""
+        """See Driver. Where its motion service was active, the robot is limp until the first damping is heard."""
+        self._taken = False
         if self._service is not None:
             self._service.release(self._options.release_s)
         if self._others_command():
@@ -113,13 +116,14 @@ class DdsDriver:
             raise DeviceFault(f"dds: {SECOND_CONTROLLER}")
         # Made here, so that a robot which is only looked at never sees a controller.
         self._commands = self._link.writer(COMMAND_TOPIC, LowCmd_)
-        self._writer.commanding_since_s = time.monotonic()
         self._taken = True
+        self._await_hearer()
+        self._writer.commanding_since_s = time.monotonic()
 
     def acknowledge(self) -> None:
-        """See Driver. Where taking over has failed, it is tried again."""
+        """See Driver. Where taking over has failed, or the robot has restarted, it is done again."""
         self._writer.acknowledge()
-        if self._outbox.energised and not self._taken:
+        if self._outbox.energised and not (self._taken and self._is_released()):
             self.enable()
 
     def disable(self) -> None:
@@ -141,7 +145,9 @@ class DdsDriver:
     def _run(self, now_s: float) -> None:
         """One round: send what is to be sent, look out for others, pass on what ended the reader."""
         assert self._states is not None
-        if self._taken and (outgoing := self._outbox.at(time.monotonic())).kind is not Kind.IDLE:
+        outgoing = self._outbox.at(time.monotonic())
+        if self._taken:
+            outgoing = self._damping if outgoing.kind is Kind.IDLE else outgoing
             message = self._message()
             body = self._frames.body(outgoing, int(message["mode_machine"]), message["motor_state"])
             self._commands.write(LowCmd_(body))
@@ -174,6 +180,18 @@ class DdsDriver:
             if time.monotonic() > end_s:
                 heard = f"{states.counts.heard or 'no'} LowState within {wait_s:g} s, {self._link.name}"
                 raise LinkLost(f"dds: silent robot: {heard}; is it on, and are interface and domain right?")
+            time.sleep(PAUSE_S)
+
+    def _is_released(self) -> bool:
+        return self._service is None or not self._service.active_mode()
+
+    def _await_hearer(self) -> None:
+        """What is written before the robot has found the writer is lost. Raises DeviceError where it never does."""
+        end_s = time.monotonic() + HEARER_S
+        while not self._commands.get_matched_subscriptions():
+            if time.monotonic() > end_s:
+                self._taken = False
+                raise DeviceError(f"dds: nobody hears {COMMAND_TOPIC} within {HEARER_S:g} s, {self._link.name}")
             time.sleep(PAUSE_S)
 
     def _others_command(self) -> bool:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from time import monotonic_ns
 from typing import Any
 
@@ -27,7 +28,8 @@ ERRORS = {
 }
 MATCH_S = 2.0
 ANSWER_S = 2.0
-PAUSE_S = 0.5
+ASK_AGAIN_S = 0.5
+CHECK_S = 0.05
 POLL_S = 0.005
 DEPTH = 8
 
@@ -57,14 +59,17 @@ class MotionService:
         Raises DeviceFault where one is still active after limit_s.
         """
         released: list[str] = []
-        end_s = time.monotonic() + limit_s
+        asked_s, end_s = -math.inf, time.monotonic() + limit_s
         while name := self.active_mode():
-            if time.monotonic() > end_s:
+            now_s = time.monotonic()
+            if now_s > end_s:
                 raise DeviceFault(f"dds: the motion service keeps mode {name!r} after {limit_s:g} s of asking")
             if name not in released:
                 released.append(name)
-            self._ask(RELEASE_MODE, patient=True)
-            time.sleep(PAUSE_S)
+            if now_s - asked_s > ASK_AGAIN_S:
+                self._ask(RELEASE_MODE, patient=True)
+                asked_s = now_s
+            time.sleep(CHECK_S)
         return released
 
     def _ask(self, api: int, *, patient: bool = False) -> dict[str, Any]:

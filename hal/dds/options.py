@@ -6,7 +6,7 @@ from pathlib import Path
 
 from core.config import load_options
 from core.errors import InputError
-from core.structured import one_of, positive, within
+from core.structured import at_least, one_of, positive, within
 from hal.dds.slots import FULL_MACHINES, HeldMotor
 
 SERVICES = ("release", "none")
@@ -20,9 +20,11 @@ class EmulatorOptions:
     state_hz: float
     mode_machine: int
     motion_service: str
+    release_s: float
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
+        at_least("release_s", self.release_s, 0)
         within("state_hz", self.state_hz, 1, 2000)
         within("mode_machine", self.mode_machine, 0, 255)
 

@@ -45,6 +45,7 @@ class CommandChecks:
         """Forget what was found and reported."""
         self.counts: Counter[str] = Counter()
         self.worst_torque = np.zeros(len(self._names))
+        self.taken_up: dict[str, dict[str, float]] = {}
         self.listed: list[Violation] = []
         self._reported[0], self._reported[1:] = -np.inf, np.nan
 
@@ -75,6 +76,11 @@ class CommandChecks:
         for i in np.flatnonzero(least_nm > TORQUE_SLACK * limit_nm + ROUNDING_NM).tolist():
             self.add(time_s, "torque", int(joints[i]), f"{least_nm[i]:.2f} Nm, limit {limit_nm[i]:g}")
 
+    def take_up(self, joint: int, q_rad: float, kp: float) -> None:
+        """A motor that was slack or damped is driven: how stiffly, and how far from where it last said it was."""
+        pos_rad = float(self._reported[1, self._next[joint], joint])
+        self.taken_up[self._names[joint]] = {"kp": kp, "error_rad": q_rad - pos_rad}
+
     def add(self, time_s: float, kind: str, joint: int, detail: str) -> None:
         """Count a violation; the first ones are listed."""
         self.counts[kind] += 1
@@ -82,9 +88,10 @@ class CommandChecks:
             self.listed.append(Violation(time_s, kind, self._names[joint], detail))
 
     def summary(self) -> dict[str, Any]:
-        """Plain data. worst_torque: highest predicted torque as a share of the joint's limit."""
+        """Plain data. worst_torque: highest predicted torque as a share of the joint's limit. taken_up: see above."""
         return {
             "counts": dict(self.counts),
             "listed": [vars(violation) for violation in self.listed],
+            "taken_up": dict(self.taken_up),
             "worst_torque": dict(zip(self._names, self.worst_torque.round(4).tolist())),
         }

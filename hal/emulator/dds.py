@@ -88,7 +88,7 @@ class DdsDevice(DeviceSide):
         self._link = DdsLink(self._domain.number, LOOPBACK)
         self._publisher = self._link.writer(STATE_TOPIC, LowState_)
         self._second = self._link.writer(COMMAND_TOPIC, LowCmd_)
-        self._service = MotionServer(self._link, self._options.motion_service)
+        self._service = MotionServer(self._link, self._options.motion_service, self._options.release_s)
         self._inbox = self._link.inbox(self._link.reader(COMMAND_TOPIC, LowCmd_), self._hear, "lowcmd")
         self._worker = Worker("lowstate", self._round, 1.0 / self._options.state_hz)
         self._worker.start()
@@ -126,14 +126,22 @@ class DdsDevice(DeviceSide):
         }
 
     def request(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """`buttons`: those pressed on the remote from now on. `motion_service`: have it drive in a mode again."""
+        """`buttons`: those pressed on the remote from now on. `motion_service`: have it drive in a mode again.
+
+        `release_s`: how long that service takes to let go from now on.
+        """
         match dict(content):
             case {"buttons": list(buttons)} if set(buttons) <= set(BUTTONS):
                 self._remote = Remote(tuple(buttons), 0.0, 0.0, 0.0, 0.0)
             case {"motion_service": str(mode)} if mode in MODES:
                 self._service.select(mode)
+            case {"release_s": int(seconds) | float(seconds)} if seconds >= 0:
+                self._service.release_s = float(seconds)
             case _:
-                expected = f"buttons: some of {', '.join(BUTTONS)}; or motion_service: one of {', '.join(MODES)}"
+                modes = ", ".join(MODES)
+                expected = (
+                    f"buttons: some of {', '.join(BUTTONS)}; motion_service: one of {modes}; or release_s: a time"
+                )
                 raise InputError("unknown request", where="emulator", got=dict(content), expected=expected)
         return {}
 

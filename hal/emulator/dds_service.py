@@ -22,13 +22,13 @@ from hal.dds.types import NO_BYTES, Request_, Response_, ResponseHeader_, Respon
 
 MODES = ("normal", "advanced", "ai", "ai-w")
 VERSION = "1.0.0.1"
-RELEASE_S = 0.2
 
 
 class MotionServer:
-    """Answers the motion service's requests from a thread of its own. Letting go of the motors takes 0.2 s."""
+    """Answers the motion service's requests from a thread of its own. Letting go of the motors takes release_s."""
 
-    def __init__(self, link: DdsLink, mode: str) -> None:
+    def __init__(self, link: DdsLink, mode: str, release_s: float) -> None:
+        self.release_s = release_s
         self._mode, self._released_s = mode, float("inf")
         self._lock = threading.Lock()
         self._responses = link.writer(RESPONSE_TOPIC, Response_)
@@ -66,7 +66,7 @@ class MotionServer:
             return OK, json.dumps({"form": "0", "name": self.mode})
         if api == RELEASE_MODE:
             with self._lock:
-                self._released_s = min(self._released_s, now_s + RELEASE_S)
+                self._released_s = min(self._released_s, now_s + self.release_s)
             return OK, ""
         if api == SELECT_MODE:
             return self._selected(parameter)

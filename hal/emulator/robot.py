@@ -281,10 +281,12 @@ class EmulatedRobot:
         self._plant.drive(command, self._conditions.kp_scale, self._conditions.kd_scale)
 
     def _set_mode(self, order: _Order) -> None:
-        _, dq_rad_s, kp, kd, tau_nm, _ = order.values
+        q_rad, dq_rad_s, kp, kd, tau_nm, _ = order.values
         mode = 2 if kp or tau_nm or (kd and dq_rad_s) else int(kd > 0)
         if mode != self._modes[order.joint]:
             self._modes[order.joint], self._since_s[order.joint] = mode, order.time_s
+            if mode == 2:
+                self.checks.take_up(order.joint, q_rad, kp)
 
     def _jam(self) -> None:
         """Joints stuck by a fault, and free again."""

@@ -47,7 +47,7 @@ class MockBackend(ClosesByDamping):
         self._script = FaultScript(options.faults, robot)
         self._dead_man = DeadMan(control_period_s)
         self._damping = damping_command(robot.damping_kd)
-        self._command = self._damping
+        self._command, self._energised = self._damping, False
         self._pos_rad = np.clip(np.zeros(robot.num_joints), robot.pos_lower_rad, robot.pos_upper_rad)
         self._vel_rad_s = np.zeros(robot.num_joints)
         self._opened_s = self._moved_s = clock.now_s()
@@ -57,7 +57,7 @@ class MockBackend(ClosesByDamping):
         """Slack joints; nothing is energised."""
         self._opened_s = self._moved_s = self.clock.now_s()
         self._dead_man = DeadMan(self.control_period_s)
-        self._command = self._damping
+        self._command, self._energised = self._damping, False
         self._forget()
         self._is_open = True
         details = {
@@ -110,6 +110,7 @@ class MockBackend(ClosesByDamping):
             imu_age_s=imu_age_s,
             temperature_c=self._temperature_c(),
             faults=self._fault_names(),
+            energised=self._energised,
         )
 
     def write(self, command: JointCommand) -> None:
@@ -120,6 +121,7 @@ class MockBackend(ClosesByDamping):
         if command.q_rad.size != self.robot.num_joints:
             raise ValueError(f"mock: got {command.q_rad.size} joints, expected {self.robot.num_joints}")
         self._advance()
+        self._energised = True
         if self._dead_man.feed(self.clock.now_s()):
             self._command = command
         else:
@@ -130,6 +132,7 @@ class MockBackend(ClosesByDamping):
         if not self._is_open:
             return
         self._advance()
+        self._energised = True
         self._dead_man.disarm()
         self._command = self._damping
 

@@ -146,6 +146,7 @@ class MujocoBackend(ClosesByDamping):
             imu_acc_b=seen.imu_acc_b,
             imu_age_s=age_s,
             faults=("dead_man",) if self._dead_man.latched else (),
+            energised=self._energised,
             truth=self._plant.truth(),
         )
 
@@ -155,6 +156,7 @@ class MujocoBackend(ClosesByDamping):
         if command.q_rad.size != self.robot.num_joints:
             raise ValueError(f"mujoco: got {command.q_rad.size} joints, expected {self.robot.num_joints}")
         self._advance()
+        self._energised = True
         if self._dead_man.feed(self.clock.now_s()):
             self._line.send(self._step, command)
         else:
@@ -165,6 +167,7 @@ class MujocoBackend(ClosesByDamping):
         if not self._is_open:
             return
         self._advance()
+        self._energised = True
         self._dead_man.disarm()
         self._line.send(self._step, self._damping)
 
@@ -189,7 +192,7 @@ class MujocoBackend(ClosesByDamping):
     def _begin(self) -> None:
         """Start the episode's time, events and records at the plant's present pose, damped."""
         self._start_s, self._step = self.clock.now_s(), 0
-        self._dead_man = DeadMan(self.control_period_s)
+        self._dead_man, self._energised = DeadMan(self.control_period_s), False
         self._line = CommandLine(self._plant, self.conditions)
         self._line.cut(self._damping)
         # One stream for each kind of noise, so that how often the state is read changes nothing else.

@@ -126,6 +126,7 @@ class WireBackend(ClosesByDamping):
             imu_age_s=imu_age_s,
             temperature_c=snapshot.temperature_c if known else None,
             faults=self._faults(),
+            energised=snapshot.energised,
         )
 
     def write(self, command: JointCommand) -> None:

@@ -16,6 +16,7 @@ STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
+REMOTE, ENERGISED = -2, -1
 Index = np.ndarray | list[int] | slice | int
 Value = np.ndarray | float
 
@@ -24,7 +25,7 @@ Value = np.ndarray | float
 class Snapshot:
     """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
 
-    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard.
+    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. energised: see RobotState.
     """
 
     joint_pos_rad: np.ndarray
@@ -37,6 +38,7 @@ class Snapshot:
     imu_acc_b: np.ndarray
     imu_stamp_s: float
     remote_stamp_s: float
+    energised: bool
 
 
 class StateBoard:
@@ -50,10 +52,11 @@ class StateBoard:
         texts = numbers + Ring.size(TEXT_BYTES)
         self._texts = Ring(buffer[numbers:texts], TEXT_BYTES)
         self._statistics = Ring(buffer[texts:], STATISTICS_BYTES)
-        self._values = np.full(ROWS * num_joints + IMU_VALUES + 1, np.nan)
+        self._values = np.full(ROWS * num_joints + IMU_VALUES + 2, np.nan)
         self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
-        self._imu = self._values[ROWS * num_joints : -1]
-        self._joints[STAMP] = self._imu[-1] = self._values[-1] = -np.inf
+        self._imu = self._values[ROWS * num_joints : REMOTE]
+        self._joints[STAMP] = self._imu[-1] = self._values[REMOTE] = -np.inf
+        self._values[ENERGISED] = 0.0
         self._lock = threading.Lock()
         self._faults: set[str] = set()
         self._buttons: tuple[str, ...] = ()
@@ -90,11 +93,17 @@ class StateBoard:
     def remote(self, buttons: Collection[str], stamp_s: float) -> None:
         """The buttons of a wireless remote that are pressed, heard at stamp_s."""
         with self._lock:
-            self._values[-1] = stamp_s
+            self._values[REMOTE] = stamp_s
             self._numbers.publish(self._values.tobytes())
             if (pressed := tuple(sorted(buttons))) != self._buttons:
                 self._buttons = pressed
                 self._publish_texts()
+
+    def energised(self, obeying: bool) -> None:
+        """Whether the devices obey what is sent, from now on."""
+        with self._lock:
+            self._values[ENERGISED] = obeying
+            self._numbers.publish(self._values.tobytes())
 
     def fault(self, name: str, present: bool) -> None:
         """A device's fault begins or is over. name: as `RobotState.faults` shows it, e.g. "motor_fault:JOINT: reason".
@@ -135,7 +144,7 @@ class StateBoard:
             return None
         values = np.frombuffer(latest[1], dtype=np.float64)
         joints = values[: ROWS * self.num_joints].reshape(ROWS, self.num_joints)
-        imu = values[ROWS * self.num_joints : -1]
+        imu = values[ROWS * self.num_joints : REMOTE]
         return Snapshot(
             joint_pos_rad=joints[POS],
             joint_vel_rad_s=joints[VEL],
@@ -146,7 +155,8 @@ class StateBoard:
             imu_ang_vel_b=imu[4:7],
             imu_acc_b=imu[7:10],
             imu_stamp_s=float(imu[10]),
-            remote_stamp_s=float(values[-1]),
+            remote_stamp_s=float(values[REMOTE]),
+            energised=bool(values[ENERGISED]),
         )
 
     def texts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -181,4 +191,4 @@ def is_complete(snapshot: Snapshot | None) -> bool:
 
 
 def _number_bytes(num_joints: int) -> int:
-    return 8 * (ROWS * num_joints + IMU_VALUES + 1)
+    return 8 * (ROWS * num_joints + IMU_VALUES + 2)

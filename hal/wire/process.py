@@ -107,12 +107,15 @@ class WireProcess:
     def _answer(self, driver: Driver, request: object) -> None:
         if request == "enable":
             self._pulse.energise()
-            self._attempt("enable", driver.enable)
+            enabled = self._attempt("enable", driver.enable)
             self._outbox.energise()
+            self._state.energised(enabled)
         elif request == "acknowledge":
-            self._forget_failures()
+            self._state.energised(False)
             if self._attempt("acknowledge", driver.acknowledge):
+                self._forget_failures()
                 self._outbox.acknowledge()
+                self._state.energised(self._outbox.energised)
         elif request == "report":
             self._reply(self._report())
         elif isinstance(request, time.Pace):

@@ -164,7 +164,7 @@ def test_acknowledging_reaches_the_device(tmp_path):
     asked = Asked({0: [Request.DAMP], 3: [Request.ACKNOWLEDGE], 6: [Request.QUIT]})
     rig = Rig(tmp_path, plan="none", operators=[asked])
     rig.loop.run()
-    assert rig.backend.calls == ["damp"] * 3 + ["acknowledge"] + ["damp"]
+    assert rig.backend.calls == ["damp"] * 3 + ["acknowledge"] + ["damp"] * 2
     assert rig.modes == [Mode.DAMPING, Mode.IDLE]
 
 

@@ -69,6 +69,14 @@ def test_opening_does_not_energise(rig: Rig, backend: Any) -> None:
             assert set(rig.emulator.control.status()["mode"].values()) == {"slack"}
 
 
+def test_devices_are_energised_by_the_first_command_and_say_so(rig: Rig, backend: Any) -> None:
+    with backend:
+        assert not ready(backend).energised
+        backend.damp()
+        _wait(rig, lambda: backend.read().energised)
+        assert backend.read().energised
+
+
 def test_states_are_complete_finite_and_upright_and_carry_the_clocks_time(rig: Rig, backend: Any) -> None:
     with backend:
         ready(backend)

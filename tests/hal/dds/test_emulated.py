@@ -35,6 +35,7 @@ def emulator(started: Emulator) -> Emulator:
     started.control.clear_fault()
     started.control.reset()
     started.control.device(buttons=[])
+    started.control.device(release_s=0.2)
     return started
 
 
@@ -89,6 +90,40 @@ def test_the_service_lets_go_first_and_joints_follow_by_name(emulator: Emulator)
     assert after["device"]["held_violations"] == []
     assert set(after["device"]["counts"]) == {"obeyed", "lowstate sent"}
     assert set(after["mode"].values()) == {"slack"}
+
+
+def test_a_service_that_never_lets_go_is_refused_by_name_and_nothing_is_sent(emulator: Emulator) -> None:
+    emulator.control.device(release_s=3600.0)
+    with Host(emulator, release_s=0.5) as host:
+        with pytest.raises(DeviceFault, match=r"the motion service keeps mode 'ai' after 0\.5 s of asking"):
+            host.enable()
+        host.damp()
+        time.sleep(0.2)
+        assert set(counts(emulator)) == {"lowstate sent"}
+        emulator.control.device(release_s=0.2)
+        host.driver.acknowledge()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        assert set(counts(emulator)) == {"lowstate sent", "obeyed"}
+
+
+def test_damping_is_heard_before_enabling_has_ended(emulator: Emulator) -> None:
+    """A released robot is limp: it need not wait until the loop commands."""
+    with Host(emulator) as host:
+        host.driver.enable()
+        assert not host.outbox.energised
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        host.enable()
+
+
+def test_a_robot_that_has_restarted_is_taken_over_anew(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        host.enable()
+        host.damp()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        emulator.control.device(motion_service="ai")
+        host.driver.acknowledge()
+        assert status(emulator)["device"]["motion_service"] == ""
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
 
 
 def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:

@@ -27,7 +27,8 @@ class FakeFactory:
     """journal: a file that gets one line `time event kp kd tau` per thing done to the device (sums of the gains).
 
     refuse, refuse_with: identify raises. fail_at_s, fail_until_s: in between, counted from opening, a round with a
-    command raises. identify_s, enable_s: how long that takes; enable_fails: it raises. mute: no state arrives.
+    command raises. identify_s, enable_s, acknowledge_s: how long that takes; enable_fails: it raises. mute: no state
+    arrives.
     """
 
     journal: Path | None = None
@@ -40,6 +41,7 @@ class FakeFactory:
     enable_s: float = 0.0
     mute: bool = False
     enable_fails: bool = False
+    acknowledge_s: float = 0.0
     buttons: tuple[str, ...] = ()
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
 
@@ -123,6 +125,7 @@ class FakeDriver:
         self.note("disable")
 
     def acknowledge(self):
+        time.sleep(self.setup.acknowledge_s)
         self.note("acknowledge")
 
     def close(self):
