@@ -102,7 +102,7 @@ def measure(name: str, episodes: int, randomize: bool) -> dict[str, object]:
     unruly = dataclasses.replace(rig, settings=without_body_rules(settings))
     safety = settings.safety
     lasting_s = (safety.tilt.for_s, safety.base_rate.for_s, safety.joint_speed.for_s)
-    lasting_s += (safety.torque_saturation.for_s,) * 2
+    lasting_s = (*lasting_s, *(safety.torque_saturation.for_s,) * 2)
     ticks = tuple(max(1, round(seconds / run.period_s)) for seconds in lasting_s)
     peaks, falls, false = [], 0, []
     for episode in range(episodes):

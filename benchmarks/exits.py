@@ -66,6 +66,7 @@ def loop(wire: str, endpoints: Mapping[str, str]) -> None:
     from deploy.actors import load_run
     from deploy.cell import Cell
     from deploy.operator.console import Console
+    from deploy.operator.voice import Voice
     from deploy.settings import load_settings
     from hal.open import open_backend
     from hal.realtime import realtime
@@ -80,7 +81,7 @@ def loop(wire: str, endpoints: Mapping[str, str]) -> None:
     cell = Cell(robot, settings, actors[:1], actors[1])
     with open_backend(wire, robot, clock, endpoints=endpoints) as backend, realtime(lambda _: None):
         time.sleep(DRIVES_S)
-        console = Console(backend, clock, refusals=False)
+        console = Console(Voice(), backend, clock, refusals=False)
         print("IDLE", flush=True)
         cell.loop(backend, clock, plan=None, operators=[Words()], observers=[console]).run()
 

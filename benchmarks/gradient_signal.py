@@ -79,7 +79,7 @@ class Batches:
         self.learner.load_state_dict(setup.state["learner"])
         self.env.load_state_dict(setup.state["environment"])
         self.observations = setup.state["observations"]
-        self.weights = list(self.learner.actor.mlp.parameters())
+        self.weights = [p for n, p in self.learner.actor.named_parameters() if n.startswith("mlp.")]
         moments = [self.learner.optimizer.state[weight]["exp_avg_sq"] for weight in self.weights]
         self.scale = torch.cat([(moment.sqrt() + 1e-8).rsqrt().flatten() for moment in moments])
 

@@ -1,7 +1,6 @@
 """One run from options to result: load, preflight, loop, close, score."""
 
 import contextlib
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,13 +23,9 @@ from deploy.operator.people import people
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.preflight import Check, require, run_preflight, table
-from deploy.record.last_seconds import INCIDENTS, LastSeconds
-from deploy.record.log import McapLog
-from deploy.record.messages import TickMessages
 from deploy.record.recorder import Recorder
 from deploy.record.report import Ending, RunReport, make_report
-from deploy.record.status import Status, StatusLine
-from deploy.record.status_server import StatusServer
+from deploy.record.watching import watching
 from deploy.settings import DeploySettings, load_settings
 from hal.contract.backend import Backend, Placeable
 from hal.contract.types import DeviceInfo
@@ -216,7 +211,7 @@ def _perform(
     console = Console(setup.voice, setup.backend, setup.clock, refusals=options.attended)
     observers: list[Observer] = [console, *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
-        observers += [*_records(options, setup, stack), *_status(options, setup, stack)]
+        observers += watching(options, setup.robot, setup.backend, setup.settings.record, setup.voice, stack)
         operators: list[RequestSource] = [signals, *([] if estop is None else [estop])]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
@@ -244,41 +239,6 @@ def _perform(
         finally:
             console.finish()
     return Ending(loop.ended_by, None if plan is None else plan.failure, _wire_report(setup.backend))
-
-
-def _records(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> list[Observer]:
-    """The log, or else the last seconds of a run that no seed can repeat."""
-    wire = setup.backend if isinstance(setup.backend, WireBackend) else None
-    messages = TickMessages() if wire is None else TickMessages(wire.remote, wire.statistics)
-    about = {"backend": options.backend, "policy": options.policies[0], "robot": setup.robot.name}
-    if options.log is not None:
-        may_wait = not options.on_wall_clock
-        complain = setup.voice.complain
-        log = McapLog(options.log, setup.robot, about, messages, may_wait=may_wait, complain=complain)
-        stack.enter_context(log)
-        setup.voice.say(f"log {log.path}")
-        return [log]
-    if not options.on_wall_clock:
-        return []
-    kept = LastSeconds(
-        INCIDENTS, setup.robot, about, messages,
-        settings=setup.settings.record, period_s=setup.period_s, say=setup.voice.complain,
-    )  # fmt: skip
-    return [stack.enter_context(kept)]
-
-
-def _status(options: RunOptions, setup: _Setup, stack: contextlib.ExitStack) -> list[Observer]:
-    """What people and programs see that look on."""
-    wire = setup.backend if isinstance(setup.backend, WireBackend) else None
-    status = Status(setup.robot, None if wire is None else wire.statistics)
-    observers: list[Observer] = [status]
-    if options.status_port is not None:
-        server = stack.enter_context(StatusServer(status, options.status_port))
-        setup.voice.say(f"status {server.address}")
-    every = round(setup.settings.record.status_line_s / setup.period_s)
-    if every and options.attended and sys.stdout.isatty():
-        observers.append(StatusLine(status, every, setup.voice.say))
-    return observers
 
 
 def _begin(options: RunOptions, setup: _Setup, cell: Cell) -> Plan | None:

@@ -5,31 +5,18 @@ from pathlib import Path
 from typing import Literal
 
 from core.config import config_file, load_options
-from core.structured import at_least, none_negative, ordered, positive, within
+from core.structured import at_least, ordered, positive, within
+from deploy.safety.settings import Checked, SafetySettings
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
 FASTEST_LOWERING_S = 2.0
 FASTEST_FADE_S = 0.5
 STIFFEST_LOWERING = 3.0
-LONGEST_VIOLATION_S = 0.5
-
-
-class _Checked:
-    """Every number of a settings class is finite and not negative.
-
-    `for_s`: how long a violation lasts before it trips, at most 0.5 s whatever the control period.
-    """
-
-    def __post_init__(self) -> None:
-        """Check ranges. Raises InputError."""
-        none_negative(self)
-        if hasattr(self, "for_s"):
-            within("for_s", self.for_s, 0.0, LONGEST_VIOLATION_S)
 
 
 @dataclass(frozen=True)
-class EntrySettings(_Checked):
+class EntrySettings(Checked):
     """An actor may take over inside these conditions."""
 
     joint_rad: float
@@ -38,7 +25,7 @@ class EntrySettings(_Checked):
 
 
 @dataclass(frozen=True)
-class ActorSettings(_Checked):
+class ActorSettings(Checked):
     """What a robot takes of an actor. gains: smallest and largest kp and kd, of the robot's own."""
 
     gains: tuple[float, float]
@@ -53,7 +40,7 @@ class ActorSettings(_Checked):
 
 
 @dataclass(frozen=True)
-class StandUpSettings(_Checked):
+class StandUpSettings(Checked):
     """The way from the measured pose to the start pose."""
 
     energise_s: float
@@ -88,7 +75,7 @@ class CrouchJoint:
 
 
 @dataclass(frozen=True)
-class LoweringSettings(_Checked):
+class LoweringSettings(Checked):
     """The way from standing to a crouch, and how the gains fade there."""
 
     down_s: float
@@ -115,7 +102,7 @@ class LoweringSettings(_Checked):
 
 
 @dataclass(frozen=True)
-class SequenceSettings(_Checked):
+class SequenceSettings(Checked):
     """Waits of the unattended sequence."""
 
     steady_ready_s: float
@@ -125,136 +112,7 @@ class SequenceSettings(_Checked):
 
 
 @dataclass(frozen=True)
-class Share(_Checked):
-    """A rule whose threshold is a share of the joint's own limit."""
-
-    factor: float
-
-
-@dataclass(frozen=True)
-class JointSpeedSettings(_Checked):
-    """Likewise, sustained."""
-
-    factor: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class PositionRangeSettings(_Checked):
-    """Beyond the hard range by this margin, sustained."""
-
-    margin_rad: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class TiltSettings(_Checked):
-    """Largest lean of the base, sustained."""
-
-    max_rad: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class BaseRateSettings(_Checked):
-    """Fastest turn of the base about any axis, sustained."""
-
-    max_rad_s: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class TorqueSaturationSettings(_Checked):
-    """So many joints at so large a share of their torque limits, sustained."""
-
-    factor: float
-    joints: int
-    for_s: float
-
-    def __post_init__(self) -> None:
-        """Check ranges. Raises InputError."""
-        super().__post_init__()
-        at_least("joints", self.joints, 1)
-
-
-@dataclass(frozen=True)
-class PlausibilitySettings(_Checked):
-    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ."""
-
-    speed: float
-    mismatch: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class StaleSettings(_Checked):
-    """Age of a state in control periods."""
-
-    limit_periods: float
-    trip_periods: float
-
-
-@dataclass(frozen=True)
-class InferenceSettings(_Checked):
-    """Longest inference in control periods, sustained."""
-
-    periods: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class OverrunSettings(_Checked):
-    """Missed deadlines: so many ticks in a row, or a share of those in a window of time."""
-
-    in_a_row: int
-    share: float
-    window_s: float
-
-    def __post_init__(self) -> None:
-        """Check ranges. Raises InputError."""
-        super().__post_init__()
-        at_least("in_a_row", self.in_a_row, 1)
-        within("share", self.share, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class TemperatureSettings(_Checked):
-    """Hottest motor, sustained."""
-
-    max_c: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class WindingSettings(_Checked):
-    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
-
-    below_limit_c: float
-    warn_s: float
-    for_s: float
-
-
-@dataclass(frozen=True)
-class SafetySettings:
-    """Thresholds of every rule that has one, by the rule's name."""
-
-    torque_limit: Share
-    soft_position: Share
-    position_range: PositionRangeSettings
-    joint_speed: JointSpeedSettings
-    torque_saturation: TorqueSaturationSettings
-    tilt: TiltSettings
-    base_rate: BaseRateSettings
-    implausible: PlausibilitySettings
-    stale: StaleSettings
-    inference_overrun: InferenceSettings
-    overrun: OverrunSettings
-    temperature: TemperatureSettings
-    winding_temperature: WindingSettings
-
-
-@dataclass(frozen=True)
-class PreflightSettings(_Checked):
+class PreflightSettings(Checked):
     """What a robot must show before it is energised."""
 
     tilt_rad: float
@@ -284,7 +142,7 @@ class EStopSettings:
 
 
 @dataclass(frozen=True)
-class RecordSettings(_Checked):
+class RecordSettings(Checked):
     """What is kept of a run without a log, and how often a person sees how it is; 0 s: never."""
 
     last_s: float
@@ -298,7 +156,7 @@ class RecordSettings(_Checked):
 
 
 @dataclass(frozen=True)
-class OperatorSettings(_Checked):
+class OperatorSettings(Checked):
     """When an operator is there, and what happens when none is."""
 
     chord_s: float
@@ -309,7 +167,7 @@ class OperatorSettings(_Checked):
 
 
 @dataclass(frozen=True)
-class DeploySettings(_Checked):
+class DeploySettings(Checked):
     """Everything in one file of configs/deploy."""
 
     actor: ActorSettings

@@ -81,14 +81,16 @@ class McapLog:
             self.dropped += 1
 
     def _write(self) -> None:
+        more = True
         try:
             self._drain()
+            more = False
             self._file.finish()
         except Exception as error:  # whatever it is, it is the log's and not the run's
             self._ended.set()
             why = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
             self._complain(f"log: {self.path} ends here, it cannot be written ({why}); the run goes on")
-            while self._queue.get() is not None:
+            while more and self._queue.get() is not None:
                 pass
         finally:
             with contextlib.suppress(OSError):

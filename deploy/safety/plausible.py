@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from deploy.safety.rules import Sample, TripRule
-from deploy.settings import PlausibilitySettings
+from deploy.safety.settings import PlausibilitySettings
 from hal.contract.types import RobotState
 from robot.robot import Robot
 

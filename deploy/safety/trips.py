@@ -2,7 +2,7 @@
 
 from deploy.safety import body, health
 from deploy.safety.rules import TripRule
-from deploy.settings import SafetySettings
+from deploy.safety.settings import SafetySettings
 from robot.robot import Robot
 
 CLOCK_GRAIN_S = 1e-6

@@ -25,6 +25,9 @@ class SwitchesAtTick:
     def __init__(self, tick):
         self._left = tick
 
+    def breaking_off(self):
+        return contextlib.nullcontext()
+
     def poll(self):
         self._left -= 1
         return [Request.SWITCH] if self._left == 0 else []

@@ -9,6 +9,7 @@ import termios
 import threading
 import time
 from dataclasses import fields, replace
+from types import MappingProxyType
 
 import pytest
 import yaml
@@ -55,10 +56,10 @@ def rig(tmp_path, monkeypatch):
         common += ["--config", str(tmp_path / "patient.yaml")]
         return main(["--backend", "can", *common, *map(str, options)])
 
-    def verify(serial):
-        """What hal/verify leaves, for the robot whose knee has this number."""
+    def verify(serial, others=MappingProxyType({})):
+        """What hal/verify leaves, for the robot whose knee has this number, and other parts theirs."""
         sha256 = hal.open.wire_config_sha256("can", None, {})
-        VerifiedRecord(sha256, "g1_23dof", {"left_knee_joint": serial}).save(tmp_path / "verified", {})
+        VerifiedRecord(sha256, "g1_23dof", {"left_knee_joint": serial, **others}).save(tmp_path / "verified", {})
 
     run.folder, run.verify = tmp_path, verify
     verify(KNEE_SERIAL)
@@ -284,6 +285,7 @@ def test_a_dry_run_with_another_stand_or_other_thresholds_does_not_hold(rig, reh
 def test_a_dry_run_of_another_robot_does_not_hold(rig, rehearsal, capsys, monkeypatch):
     """The same files and the same code; only the numbers that the makers gave the motors differ."""
     monkeypatch.setenv("FAKE_WIRE_SERIAL", "motor 1")
+    rig.verify(KNEE_SERIAL, {"bus fake": "motor 1"})
     assert rig("--dry-run") == 0 and rig("--duration", 0.2) == 0
     monkeypatch.setenv("FAKE_WIRE_SERIAL", "motor 2")
     assert rig("--duration", 0.2) == 2

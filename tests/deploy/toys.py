@@ -1,5 +1,6 @@
 """Actors that are one matrix, a device that says what it is told to say, and a clock in its hands."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -231,3 +232,13 @@ class LateBackend(MujocoBackend):
         if self.late:
             self.clock.sleep_until(self.clock.now_s() + HALF_RATE_S)
         return reading
+
+
+class SpokenAtOnce:
+    """A voice that waits for nobody."""
+
+    def say(self, line: str) -> None:
+        print(line)
+
+    def complain(self, line: str) -> None:
+        print(line, file=sys.stderr)

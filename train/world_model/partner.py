@@ -82,7 +82,7 @@ class Beside:
 def _serve(target: object, pipe: Connection, others: Connection) -> None:
     """Carry out calls until the other end is closed."""
     others.close()
-    # Who trains is told to stop, and closes this. Killed, it takes this along: processes forked since hold the pipe too.
+    # Who trains is told to stop, and closes this. Killed, it takes this along: processes forked since hold the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     try:

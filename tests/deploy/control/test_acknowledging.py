@@ -1,10 +1,11 @@
 """What has latched, and what it takes until the operator may go on."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from core.clock import MonotonicClock
+from core.clock import MonotonicClock, SimulatedClock
 from deploy.control.loop import Loop
 from deploy.control.states import Mode, Request, StateMachine
 from deploy.control.tick import Tick
@@ -13,11 +14,12 @@ from deploy.safety.guard import Guard
 from hal.contract.types import LinkLost
 from hal.wire.backend import WireBackend
 from tests.deploy.control.test_states import FAST, Stage
-from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, Asked, linear_run, state
+from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, Asked, SpokenAtOnce, linear_run, state
 from tests.hal.conformance.rigs import ready
 from tests.hal.wire.fake import FakeFactory
 
 SICK = state(faults=("overload",))
+DAMPED = SimpleNamespace(control_period_s=PERIOD_S, undamped=lambda: ())
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +68,8 @@ def test_a_fault_in_idle_latches_idle(folder, reading):
 
 
 def test_what_is_not_damped_is_not_called_damped(folder, capsys):
-    console, stage = Console(refusals=True), Stage(folder)
+    stage = Stage(folder)
+    console = Console(SpokenAtOnce(), DAMPED, SimulatedClock(), refusals=True)
     for _ in range(3):
         console(None, stage(reading=SICK), None)
     said = capsys.readouterr()

@@ -1,6 +1,5 @@
 """What the console says of joints, against what was heard of them."""
 
-import sys
 from types import SimpleNamespace
 
 import pytest
@@ -9,18 +8,9 @@ from core.clock import SimulatedClock
 from deploy.control.states import Mode
 from deploy.control.timing import PhaseTimer
 from deploy.operator.console import Console
+from tests.deploy.toys import SpokenAtOnce
 
 JOINTS = ("hip", "knee", "ankle", "waist", "elbow")
-
-
-class SpokenAtOnce:
-    """A voice that waits for nobody."""
-
-    def say(self, line: str) -> None:
-        print(line)
-
-    def complain(self, line: str) -> None:
-        print(line, file=sys.stderr)
 
 
 class Trial:

@@ -80,7 +80,7 @@ def test_a_robot_is_taken_over_by_a_typed_word(terminal):
     master, slave = terminal
     consent, said = Consent(), []
     with Keyboard(slave, said.append, consent) as keyboard:
-        assert typed(keyboard, master, "s", *"tack", "\n", "d", *"tak", " ", "q") == [Request.QUIT]
+        assert typed(keyboard, master, "s", *"tack", "\n", "d", *"tak", " ", "q") == [Request.FINISH]
         assert not consent.given and any("got 'tack', expected take" in line for line in said)
         assert typed(keyboard, master, "s", *"tajke", "\x7f", "\x7f", "\x7f", *"ke", "\r") == [] and consent.given
         assert typed(keyboard, master, "s", "t", "d", " ") == [
@@ -151,7 +151,7 @@ def test_a_terminal_that_is_not_the_controlling_one_gives_keys(terminal):
         continue
     os.write(master, b"q")
     out, error = child.communicate(timeout=20)
-    assert (child.returncode, out, error) == (0, "quit\n", "")
+    assert (child.returncode, out, error) == (0, "finish\n", "")
 
 
 def test_no_standard_input_at_all():

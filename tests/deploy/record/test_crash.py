@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from mcap.reader import make_reader
 
-import deploy.session
+import deploy.record.watching
 from core.errors import InputError
 from deploy.cli import main
 from deploy.control.states import StateMachine
@@ -147,7 +147,7 @@ def test_the_last_seconds_before_a_trip_are_kept_without_a_log(tmp_path):
     assert len(content(path, "/state")) == len(conditions) == 50
     assert [bool(condition["trip"]) for condition in conditions] == 40 * [False] + 10 * [True]
     assert conditions[-1] == {
-        "mode": "damping",
+        "mode": "IDLE",
         "trip": "device_fault: motor_fault:left_knee_joint: overload",
         "device_faults": ["motor_fault:left_knee_joint: overload"],
     }
@@ -168,7 +168,7 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
 
 
 def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(deploy.session, "INCIDENTS", tmp_path / "incidents")
+    monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
     options = ["--backend", "mujoco", "--start", "reference", "--policy", str(actor), "--realtime"]
     assert main(options) == 3
     (path,) = (tmp_path / "incidents").iterdir()

@@ -60,7 +60,7 @@ def test_json_and_text_over_loopback():
 def test_a_trip_and_a_device_fault_are_in_it():
     content = shown(state(faults=("motor_fault:waist_yaw_joint: overload",))).content()
     assert content["device_faults"] == ["motor_fault:waist_yaw_joint: overload"]
-    assert line(content).startswith("damping   fault device_fault: motor_fault:waist_yaw_joint: overload")
+    assert line(content).startswith("IDLE   fault device_fault: motor_fault:waist_yaw_joint: overload")
 
 
 def test_it_listens_on_loopback_only_and_a_taken_port_is_refused():

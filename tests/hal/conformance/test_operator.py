@@ -101,7 +101,7 @@ def _run(backend: EmulatedWireBackend, actor: Path, voice: Voice) -> tuple[State
     story = Story(backend, machine, voice, person)
     settings = replace(SETTINGS.operator, hold_after_s=DAMP_AFTER_S, damp_after_s=DAMP_AFTER_S)
     presence = Presence([person], lambda: machine.mode, backend.clock, settings, voice.complain)
-    observers = Observers([Console(voice, refusals=True)], voice.complain)
+    observers = Observers([Console(voice, backend, backend.clock, refusals=True)], voice.complain)
     tick = Tick(machine, Guard(G1, SETTINGS, PERIOD_S))
     Loop(backend, backend.clock, tick, plan=story, operators=[presence], observers=[observers]).run()
     return machine, story

@@ -1,0 +1,149 @@
+"""Thresholds of the safety rules, as ``configs/deploy/*.yaml`` has them under ``safety``."""
+
+from dataclasses import dataclass
+
+from core.structured import at_least, none_negative, within
+
+LONGEST_VIOLATION_S = 0.5
+
+
+class Checked:
+    """Every number of a settings class is finite and not negative.
+
+    `for_s`: how long a violation lasts before it trips, at most 0.5 s whatever the control period.
+    """
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        none_negative(self)
+        if hasattr(self, "for_s"):
+            within("for_s", self.for_s, 0.0, LONGEST_VIOLATION_S)
+
+
+@dataclass(frozen=True)
+class Share(Checked):
+    """A rule whose threshold is a share of the joint's own limit."""
+
+    factor: float
+
+
+@dataclass(frozen=True)
+class JointSpeedSettings(Checked):
+    """Likewise, sustained."""
+
+    factor: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class PositionRangeSettings(Checked):
+    """Beyond the hard range by this margin, sustained."""
+
+    margin_rad: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class TiltSettings(Checked):
+    """Largest lean of the base, sustained."""
+
+    max_rad: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class BaseRateSettings(Checked):
+    """Fastest turn of the base about any axis, sustained."""
+
+    max_rad_s: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class TorqueSaturationSettings(Checked):
+    """So many joints at so large a share of their torque limits, sustained."""
+
+    factor: float
+    joints: int
+    for_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("joints", self.joints, 1)
+
+
+@dataclass(frozen=True)
+class PlausibilitySettings(Checked):
+    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ."""
+
+    speed: float
+    mismatch: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class StaleSettings(Checked):
+    """Age of a state in control periods."""
+
+    limit_periods: float
+    trip_periods: float
+
+
+@dataclass(frozen=True)
+class InferenceSettings(Checked):
+    """Longest inference in control periods, sustained."""
+
+    periods: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class OverrunSettings(Checked):
+    """Missed deadlines: so many ticks in a row, or a share of those in a window of time."""
+
+    in_a_row: int
+    share: float
+    window_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        at_least("in_a_row", self.in_a_row, 1)
+        within("share", self.share, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class TemperatureSettings(Checked):
+    """Hottest motor, sustained."""
+
+    max_c: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class WindingSettings(Checked):
+    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
+
+    below_limit_c: float
+    warn_s: float
+    for_s: float
+
+
+@dataclass(frozen=True)
+class SafetySettings:
+    """Thresholds of every rule that has one, by the rule's name."""
+
+    torque_limit: Share
+    soft_position: Share
+    position_range: PositionRangeSettings
+    joint_speed: JointSpeedSettings
+    torque_saturation: TorqueSaturationSettings
+    tilt: TiltSettings
+    base_rate: BaseRateSettings
+    implausible: PlausibilitySettings
+    stale: StaleSettings
+    inference_overrun: InferenceSettings
+    overrun: OverrunSettings
+    temperature: TemperatureSettings
+    winding_temperature: WindingSettings
