@@ -3,13 +3,13 @@
 import argparse
 import contextlib
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
+from core import robot_time as time
 from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import known_models

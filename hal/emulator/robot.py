@@ -234,17 +234,15 @@ class EmulatedRobot:
             while not self._stop.is_set():
                 with self.lock:
                     now_s = self._now()
-                    self._note_lateness(now_s - self._time_s(self._step))
+                    late_s = now_s - self._time_s(self._step)
+                    self._worst_late_s = max(self._worst_late_s, late_s)
+                    self._late_steps += late_s > LATE_S
                     self._advance(now_s)
                 tick = max(tick + 1, int((time.monotonic() - start_s) / WAKE_PERIOD_S))
                 time.sleep(max(0.0, start_s + tick * WAKE_PERIOD_S - time.monotonic()))
         except Exception as error:
             self.failure = error
             raise
-
-    def _note_lateness(self, late_s: float) -> None:
-        self._worst_late_s = max(self._worst_late_s, late_s)
-        self._late_steps += late_s > LATE_S
 
     def _advance(self, now_s: float) -> None:
         if self._thread is None:
@@ -274,11 +272,9 @@ class EmulatedRobot:
         if not changed:
             return
         table = np.array(self._in_force).T
-        q_rad, dq_rad_s, kp, kd, tau_nm, limit_nm = table
         self.checks.judge_torque(time_s, np.array(changed), table[:5])
-        self._plant.cap(np.minimum(limit_nm, self.robot.torque_limit_nm))
-        command = JointCommand(q_rad, dq_rad_s, kp, kd, tau_nm)
-        self._plant.drive(command, self._conditions.kp_scale, self._conditions.kd_scale)
+        self._plant.cap(np.minimum(table[5], self.robot.torque_limit_nm))
+        self._plant.drive(JointCommand(*table[:5]), self._conditions.kp_scale, self._conditions.kd_scale)
 
     def _set_mode(self, order: _Order) -> None:
         q_rad, dq_rad_s, kp, kd, tau_nm, _ = order.values

@@ -16,7 +16,7 @@ class _Weights(NamedTuple):
     """Weights and biases in the format of the products, for one pass and the gradients of it."""
 
     first: tuple[Tensor, Tensor]
-    extra: Tensor | None
+    extra: tuple[Tensor, Tensor] | None
     hidden: list[tuple[Tensor, Tensor]]
     output: tuple[Tensor, Tensor]
 
@@ -58,7 +58,7 @@ class Network(nn.Module):
         super().__init__()
         first, *others = hidden
         self.first = _linear(inputs, first, generator, fan_in=inputs + extras)
-        self.extra = _linear(extras, first, generator, fan_in=inputs + extras, bias=False) if extras else None
+        self.extra = _linear(extras, first, generator, fan_in=inputs + extras) if extras else None
         self.hidden = nn.ModuleList(_linear(a, b, generator) for a, b in pairwise([first, *others]))
         self.output = _linear(hidden[-1], outputs, generator, gain=output_gain)
         for name, size in (("mean", inputs), ("extra_mean", extras)):
@@ -79,12 +79,11 @@ class Network(nn.Module):
 
     def prepare(self) -> None:
         """Read the weights as they are now; to be called before the passes of an update, and after each change."""
-        kind = torch.bfloat16 if self.low_precision else torch.float32
 
         def pair(layer: nn.Linear) -> tuple[Tensor, Tensor]:
-            return layer.weight.to(kind), layer.bias.to(kind)
+            return self._cast(layer.weight), self._cast(layer.bias)
 
-        extra = None if self.extra is None else self.extra.weight.to(kind)
+        extra = None if self.extra is None else pair(self.extra)
         hidden = [pair(layer) for layer in self.hidden if isinstance(layer, nn.Linear)]
         self._weights = _Weights(pair(self.first), extra, hidden, pair(self.output))
 
@@ -92,14 +91,14 @@ class Network(nn.Module):
         """What :meth:`forward` takes of extras (N, extras)."""
         assert self._weights is not None and self._weights.extra is not None, "prepare() comes first"
         x = ((extras - self.extra_mean) / self.extra_std).clamp(-EXTRA_CLIP, EXTRA_CLIP)
-        return functional.linear(x.to(self._weights.extra.dtype), self._weights.extra)
+        return functional.linear(self._cast(x), *self._weights.extra)
 
     def forward(self, inputs: Tensor, encoded: Tensor | None = None) -> Tensor:
         """(N, inputs) and encoded extras → (N, outputs) float32."""
         weights = self._weights
         assert weights is not None, "prepare() comes first"
         x = ((inputs - self.mean) / self.std).clamp(-INPUT_CLIP, INPUT_CLIP)
-        coarse = x.to(weights.first[0].dtype)
+        coarse = self._cast(x)
         h = functional.linear(coarse, *weights.first)
         if self._exact and self.low_precision:
             # No gradient passes this part: the coarse one has it already.
@@ -110,17 +109,19 @@ class Network(nn.Module):
         h = functional.silu(h)
         for layer in weights.hidden:
             h = functional.silu(functional.linear(h, *layer))
-        return functional.linear(h, *weights.output).float()
+        out = functional.linear(h, *weights.output)
+        return out.float() if self.low_precision else out
+
+    def _cast(self, x: Tensor) -> Tensor:
+        """In the format of the products; an exported graph has no step for it."""
+        return x.bfloat16() if self.low_precision else x
 
 
-def _linear(
-    inputs: int, outputs: int, generator: torch.Generator, *, gain: float = 1.0, fan_in: int = 0, bias: bool = True
-) -> nn.Linear:
+def _linear(inputs: int, outputs: int, generator: torch.Generator, *, gain: float = 1.0, fan_in: int = 0) -> nn.Linear:
     """Weights uniform in ± gain/sqrt(fan_in), by default of ``inputs``; biases zero."""
-    layer = nn.utils.skip_init(nn.Linear, inputs, outputs, bias=bias)
+    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
     bound = gain / math.sqrt(fan_in or inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)
-        if bias:
-            layer.bias.zero_()
+        layer.bias.zero_()
     return layer

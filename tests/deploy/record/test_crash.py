@@ -62,12 +62,12 @@ def test_a_killed_run_leaves_a_log_up_to_the_last_moment_and_replay_reads_it(act
 
 def small_disk():
     """No file may grow beyond this: the write fails as it does on a full disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
 def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
     """An actor that does nothing falls in MuJoCo: exit code 3."""
-    options = ("--backend", "mujoco", "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
+    options = ("--backend", "mujoco", "--realtime", "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
     child = start(actor, *options, preexec_fn=small_disk)
     out, error = child.communicate(timeout=60)
     assert child.returncode == 3, error

@@ -59,7 +59,7 @@ def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_pat
     newest = sorted((tmp_path / "run" / "checkpoints").glob("*.pt"))[-1]
     weights = torch.load(newest, weights_only=True)["learner"]["average"]["weights"]
     names = [name for name in weights if name.startswith("mlp.")]
-    assert len(names) == 11
+    assert len(names) == 12
     for name in names:
         assert np.array_equal(weights[name].numpy(), stored[name]), name
 
