@@ -1,5 +1,6 @@
 """The command `deploy/run`."""
 
+import contextlib
 import sys
 from collections.abc import Sequence
 
@@ -8,6 +9,7 @@ from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
 from deploy.operator.keys import KEY_TABLE, StopSignals
+from deploy.operator.label import labelled
 from deploy.operator.remote import BUTTON_TABLE
 from deploy.options import RunOptions
 from deploy.record.report import RunReport, summary
@@ -20,9 +22,16 @@ DONE, FAILED, BAD_INPUT, TRIPPED, DEVICE = 0, 1, 2, 3, 4
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run, print what happens, and return the exit code: 0 done, 1 gave up, 2 input, 3 safety trip, 4 device."""
+    with contextlib.ExitStack() as labels:
+        return _run(arguments, labels)
+
+
+def _run(arguments: Sequence[str] | None, labels: contextlib.ExitStack) -> int:
     try:
         with StopSignals() as signals:
             options = parse(arguments)
+            if options.peer != "robot":
+                labels.enter_context(labelled("[peer simulator: checksum, mode_machine and tick are not checked] "))
             report = run_session(options, signals)
             if options.json is not None:
                 write_json(options.json, report.content)
@@ -62,6 +71,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         faults=tuple(given.fault),
         interface=given.interface,
         domain=given.domain,
+        peer=given.peer,
         gamepad=given.gamepad,
         first_run_ok=given.first_run_ok,
         sim=given.sim,
@@ -122,5 +132,6 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     add("--fault", action="append", default=[], metavar="FAULT", help="with --emulate, see hal/emulate --help")
     add("--interface", metavar="IF", help="network interface of --backend dds")
     add("--domain", type=count_argument, metavar="N", help="DDS domain")
+    add("--peer", default="robot", choices=["robot", "simulator"], help="simulator: the maker's, on loopback alone")
     add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
     add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run")

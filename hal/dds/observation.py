@@ -11,18 +11,25 @@ RANGE_MARGIN_RAD = 0.1
 SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
 
 
-def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor]) -> list[str]:
-    """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival."""
+def refusals(
+    messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor], *, simulator: bool = False
+) -> list[str]:
+    """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival.
+
+    simulator: a mode_machine or a tick that was never filled in is no reason.
+    """
     if counts.bad_checksum:
         share = f"{counts.bad_checksum} of {counts.heard}"
         return [f"bad checksum in {share} LowStates"]
     if not messages:
         return [f"{counts.malformed} messages on rt/lowstate that are no LowState"]
     last = messages[-1]
-    reasons = [] if (refused := machine_refusal(int(last["mode_machine"]))) is None else [refused]
+    machine = int(last["mode_machine"])
+    refused = None if simulator and machine == 0 else machine_refusal(machine)
+    reasons = [] if refused is None else [refused]
     if int(last["mode_pr"]) != 0:
         reasons.append("mode_pr is not 0: ankles and waist are reported as parallel motors, restart the robot")
-    reasons += _ticks(messages)
+    reasons += [] if simulator and int(last["tick"]) == 0 else _ticks(messages)
     reasons += _motors(messages)
     reasons += _held_ranges(last, held)
     return reasons
