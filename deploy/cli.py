@@ -33,6 +33,8 @@ def _main(arguments: Sequence[str] | None, voice: Voice) -> int:
     try:
         with StopSignals() as signals:
             options = parse(arguments)
+            if options.peer != "robot":
+                voice.label = "[peer simulator: checksum, mode_machine and tick are not checked] "
             report = run_session(options, signals, voice)
     except Stopped:
         voice.say("stopped before anything was commanded")
@@ -84,6 +86,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         faults=tuple(given.fault),
         interface=given.interface,
         domain=given.domain,
+        peer=given.peer,
         gamepad=given.gamepad,
         first_run_ok=given.first_run_ok,
         sim=given.sim,
@@ -146,5 +149,6 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     add("--fault", action="append", default=[], metavar="FAULT", help="with --emulate, see hal/emulate --help")
     add("--interface", metavar="IF", help="network interface of --backend dds")
     add("--domain", type=count_argument, metavar="N", help="DDS domain")
+    add("--peer", default="robot", choices=["robot", "simulator"], help="simulator: the maker's, on loopback alone")
     add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
     add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run and hal/verify")

@@ -25,6 +25,7 @@ class RunOptions:
     faults: tuple[str, ...] = ()
     interface: str | None = None
     domain: int | None = None
+    peer: str = "robot"
     gamepad: Path | None = None
     first_run_ok: bool = False
     sim: str = "default"
@@ -66,6 +67,7 @@ class RunOptions:
     def endpoints(self) -> dict[str, str]:
         """Where a wire connects instead of what its configuration says."""
         given = {"interface": self.interface, "domain": None if self.domain is None else str(self.domain)}
+        given["peer"] = None if self.peer == "robot" else self.peer
         return {name: value for name, value in given.items() if value is not None}
 
     def check(self) -> None:
@@ -89,6 +91,8 @@ class RunOptions:
 
     def _check_wire(self) -> None:
         wires, got = ", ".join(WIRES), f"--backend {self.backend}"
+        if self.peer != "robot" and (self.backend != "dds" or self.emulate):
+            raise InputError("--peer", got=got, expected="dds, without --emulate")
         if (self.emulate or self.first_run_ok) and not self.on_wire:
             raise InputError("--emulate and --first-run-ok", got=got, expected=f"one of {wires}")
         if self.faults and not self.emulate:

@@ -24,7 +24,7 @@ from world.scene import FLAT, Scene
 # name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
 # `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
 # it is unusable) and opens nothing; endpoints say where to connect instead: what `Emulator.endpoints` says, and for
-# dds `interface` and `domain`. A factory may have `link_timeout_s` and `wires`, the names of what it locks.
+# dds `interface`, `domain` and `peer`. A factory may have `link_timeout_s` and `wires`, the names of what it locks.
 WIRES = {
     "dds": ("hal.dds.driver", "dds"),
     "can": ("hal.can.driver", "can_g1"),
@@ -86,11 +86,12 @@ def _open_wire(
     control_period_s: float,
 ) -> Backend:
     factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **endpoints})
+    label = f"{name}, peer {endpoints['peer']}" if "peer" in endpoints else name
     timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
     times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
     if emulator is not None:
-        return EmulatedWireBackend(name, robot, clock, factory, emulator, **times, keep_pace=True)
-    return WireBackend(name, robot, clock, factory, wires=getattr(factory, "wires", ()), **times)
+        return EmulatedWireBackend(label, robot, clock, factory, emulator, **times, keep_pace=True)
+    return WireBackend(label, robot, clock, factory, wires=getattr(factory, "wires", ()), **times)
 
 
 def wire_config(name: str, config: str | Path | None = None) -> Path:

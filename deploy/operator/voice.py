@@ -17,6 +17,8 @@ class Voice:
     many is said once there is room. An output that fails is given up, which is said on the other one.
     """
 
+    label = ""  # before every line, where each reader must know something
+
     def __init__(self) -> None:
         self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(LINES)
         self._lost = 0
@@ -54,7 +56,7 @@ class Voice:
     def _write(self, line: str, error: bool) -> None:
         stream = sys.stderr if error else sys.stdout
         try:
-            print(line, file=stream, flush=True)
+            print(self.label + line.replace("\n", "\n" + self.label), file=stream, flush=True)
         except (OSError, ValueError) as failure:
             _give_up(stream)
             self._put(f"standard {'error' if error else 'output'} is gone ({failure}), going on without it", not error)

@@ -51,6 +51,7 @@ def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -
         "policy_sha256": actor.actor.sha256,
         "motion": actor.name,
         "backend": options.backend,
+        "peer": options.peer if options.on_wire else None,
         "emulated": options.emulate if options.on_wire else None,
         "sim": options.sim if options.backend == "mujoco" else None,
         "outcome": outcome,

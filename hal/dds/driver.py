@@ -13,7 +13,7 @@ from hal.dds.damper import DdsDamper
 from hal.dds.link import DdsLink
 from hal.dds.motion_service import MotionService
 from hal.dds.observation import hand_refusal, refusals
-from hal.dds.options import DdsOptions, load_dds_options
+from hal.dds.options import SIMULATOR, WAIVED, DdsOptions, load_dds_options
 from hal.dds.slots import SlotMap
 from hal.dds.state_reader import STATE_TOPIC, StateReader
 from hal.dds.state_writer import StateWriter
@@ -60,14 +60,15 @@ class DdsDriver:
         """See Driver."""
         options = self._options
         self._link = DdsLink(options.domain, options.interface)
-        self._states = StateReader(self._link)
+        simulator = options.peer == SIMULATOR
+        self._states = StateReader(self._link, simulator=simulator)
         self._others = self._link.reader(COMMAND_TOPIC, LowCmd_, others_only=True)
         self._service = MotionService(self._link) if options.motion_service == "release" else None
         self._await_states(self._states)
         observed = self._states.observed()
         self._clock = TickClock.fitted([int(message["tick"]) for message, _ in observed], [s for _, s in observed])
         messages = [message for message, _ in observed]
-        reasons = refusals(messages, self._states.counts, options.held, options.mode_machine)
+        reasons = refusals(messages, self._states.counts, options.held, options.mode_machine, simulator=simulator)
         reasons += hand_refusal(self._link.published_topics())
         if reasons:
             raise DeviceFault(f"dds: refused, {self._link.name}: {'; '.join(reasons)}")
@@ -75,7 +76,8 @@ class DdsDriver:
         if not active and self._others_command():
             raise DeviceFault(f"dds: refused, {self._link.name}: {SECOND_CONTROLLER}")
         message = self._message()
-        details = {
+        details = {"peer": WAIVED} if simulator else {}
+        details |= {
             "link": self._link.name,
             "mode_machine": str(message["mode_machine"]),
             "version": ".".join(str(part) for part in message["version"].tolist()),

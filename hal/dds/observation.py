@@ -12,10 +12,18 @@ DRIVEN_HANDS = ("rt/dex3/", "rt/inspire/", "rt/brainco/")
 SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
 
 
-def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[HeldMotor], mode_machine: int) -> list[str]:
+def refusals(
+    messages: Sequence[np.ndarray],
+    counts: Counts,
+    held: Sequence[HeldMotor],
+    mode_machine: int,
+    *,
+    simulator: bool = False,
+) -> list[str]:
     """Every reason not to command it, in words; empty where there is none. messages: LowStates in order of arrival.
 
-    mode_machine: the machine that robot file and actors are for.
+    mode_machine: the machine that robot file and actors are for. simulator: a mode_machine or a tick that was never
+    filled in is no reason.
     """
     if counts.bad_checksum:
         share = f"{counts.bad_checksum} of {counts.heard}"
@@ -23,11 +31,12 @@ def refusals(messages: Sequence[np.ndarray], counts: Counts, held: Sequence[Held
     if not messages:
         return [f"{counts.malformed} messages on rt/lowstate that are no LowState"]
     last = messages[-1]
-    refused = machine_refusal(int(last["mode_machine"]), mode_machine)
+    machine = int(last["mode_machine"])
+    refused = None if simulator and machine == 0 else machine_refusal(machine, mode_machine)
     reasons = [] if refused is None else [refused]
     if int(last["mode_pr"]) != 0:
         reasons.append("mode_pr is not 0: ankles and waist are reported as parallel motors, restart the robot")
-    reasons += _ticks(messages)
+    reasons += [] if simulator and int(last["tick"]) == 0 else _ticks(messages)
     reasons += _motors(messages)
     reasons += _held_ranges(last, held)
     return reasons

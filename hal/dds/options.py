@@ -7,10 +7,13 @@ from pathlib import Path
 from core.config import load_options
 from core.errors import InputError
 from core.structured import at_least, one_of, positive, within
+from hal.dds.link import LOOPBACK
 from hal.dds.slots import FULL_MACHINES, HeldMotor
 
 SERVICES = ("release", "none")
 HANDS = ("rubber",)
+ROBOT, SIMULATOR = "robot", "simulator"
+WAIVED = "peer simulator: checksum, mode_machine and tick are not checked"
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class EmulatorOptions:
 
 @dataclass(frozen=True)
 class DdsOptions:
-    """configs/hal/dds.yaml."""
+    """configs/hal/dds.yaml. peer: who is at the other end; said on the command line alone, and `simulator` on loopback
+    alone: the maker's Python simulator leaves checksum, mode_machine and tick at 0 and has no motion service."""
 
     interface: str
     domain: int
@@ -46,6 +50,7 @@ class DdsOptions:
     held_speed_rad_s: float
     held: tuple[HeldMotor, ...]
     emulator: EmulatorOptions
+    peer: str = ROBOT
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
@@ -56,14 +61,19 @@ class DdsOptions:
         one_of("motion_service", self.motion_service, SERVICES)
         one_of("mode_machine", self.mode_machine, sorted(FULL_MACHINES), "no G1 with 29 free motors")
         one_of("hands", self.hands, HANDS, "hands that the robot's model does not have, at the end of its arms")
+        one_of("peer", self.peer, (ROBOT, SIMULATOR))
+        if self.peer == SIMULATOR and self.interface != LOOPBACK:
+            raise InputError("--peer simulator", got=f"interface {self.interface!r}", expected=f"interface {LOOPBACK}")
 
 
 def load_dds_options(config: Path, endpoints: Mapping[str, str]) -> DdsOptions:
-    """A configuration file, with `interface` and `domain` of endpoints instead of its own.
+    """A configuration file, with `interface` and `domain` of endpoints instead of its own, and their `peer`.
 
     Raises InputError on an unusable entry, or where no interface is named.
     """
     options = load_options(DdsOptions, config)
+    if options.peer != ROBOT:
+        raise InputError("peer", where=config, got=options.peer, hint="say --peer simulator on the command line")
     domain = endpoints.get("domain", str(options.domain))
     if not domain.isdecimal():
         raise InputError("domain", where="dds", got=domain, expected="a whole number from 0 to 232")
@@ -71,4 +81,6 @@ def load_dds_options(config: Path, endpoints: Mapping[str, str]) -> DdsOptions:
     if not options.interface:
         hint = "name it with --interface (`ip -brief address` lists them; the G1's network is 192.168.123.0/24)"
         raise InputError("no network interface", where=config, hint=hint)
-    return options
+    if endpoints.get("peer", ROBOT) == ROBOT:
+        return options
+    return replace(options, peer=endpoints["peer"], motion_service="none")

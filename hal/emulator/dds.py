@@ -48,6 +48,7 @@ class DdsDevice(DeviceSide):
         "second_controller": FaultKind("somebody else sends LowCmd as well"),
         "tick_stands": FaultKind("LowState is repeated with the same tick"),
         "parallel_mode": FaultKind("reports mode_pr 1"),
+        "unfilled": FaultKind("checksum, mode_machine and tick of LowState stay 0, as in the maker's simulator"),
         "imu_units": FaultKind("the accelerometer's scale; value: factor", 1.0 / 9.81),
         "imu_tilt": FaultKind("the orientation leans forward; value: rad", 0.3),
     }
@@ -147,7 +148,13 @@ class DdsDevice(DeviceSide):
 
     @property
     def _machine(self) -> int:
+        if self._unfilled:
+            return 0
         return WRONG_MACHINE if self._faults.fate(WIRE).wrong_id else self._options.mode_machine
+
+    @property
+    def _unfilled(self) -> bool:
+        return self._faults.active("unfilled", WIRE) is not None
 
     def _hear(self, sample: Any, now_s: float) -> None:
         if not self._faults.hears(WIRE):
@@ -244,6 +251,8 @@ class DdsDevice(DeviceSide):
         if not self._faults.active("tick_stands", WIRE):
             state["tick"] = 1 + max(0, int(1e3 * (now_s - self._booted_s)))
         STATE.seal(state)
+        if self._unfilled:
+            state["tick"] = state["crc"] = 0
         return STATE.to_body(state), np.stack([motors["q"][places], motors["dq"][places]]).astype(float)
 
     def _fill_imu(self, quat_wxyz: np.ndarray, ang_vel_b: np.ndarray, acc_b: np.ndarray) -> None:

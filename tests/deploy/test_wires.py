@@ -230,6 +230,16 @@ def test_a_signal_before_anything_is_energised_stops_within_5_s(rig, capsys, mon
     assert set(events(rig)) <= {"identify", "close"}
 
 
+def test_every_line_of_a_run_with_a_simulator_says_so(rig, capfd, monkeypatch):
+    """The wire's driver is the fake, which knows no peer; what is shown is the run's own output."""
+    monkeypatch.setattr(RunOptions, "_check_wire", lambda self: None)
+    assert rig("--dry-run", "--peer", "simulator") == 0
+    said = capfd.readouterr()
+    lines = (said.out + said.err).splitlines()
+    label = "[peer simulator: checksum, mode_machine and tick are not checked] "
+    assert len(lines) > 10 and all(line.startswith((label, "wire can, peer simulator: ")) for line in lines)
+
+
 BAD = [
     ((), {"emulate": True}, "--emulate and --first-run-ok, got --backend mock"),
     ((), {"first_run_ok": True}, "--first-run-ok"),
@@ -237,6 +247,7 @@ BAD = [
     ((), {"interface": "lo"}, "--interface and --domain"),
     (("can",), {"domain": 1}, "--interface and --domain, got --backend can"),
     (("dds",), {"domain": 1, "emulate": True}, "got --backend dds with --emulate"),
+    (("can",), {"peer": "simulator"}, "--peer, got --backend can"),
     (("can",), {"realtime": False}, "--fast"),
     (("mujoco",), {"hal_config": "mock"}, "--hal-config"),
     (("can",), {"start_noise_rad": 0.1}, "--start-noise"),

@@ -213,6 +213,10 @@ def test_options_are_checked_and_an_interface_is_needed() -> None:
     for endpoints in ({"interface": "lo", "domain": "x"}, {"interface": "lo", "domain": "233"}):
         with pytest.raises(InputError, match="domain"):
             load_dds_options(FILE, endpoints)
+    with pytest.raises(InputError, match="--peer simulator, got interface 'eth3', expected interface lo"):
+        load_dds_options(FILE, {"interface": "eth3", "peer": "simulator"})
+    simulated = load_dds_options(FILE, {"interface": "lo", "peer": "simulator"})
+    assert (simulated.peer, simulated.motion_service) == ("simulator", "none")
     for field, value in (("command_hz", 10.0), ("motion_service", "maybe"), ("release_s", 0.0)):
         with pytest.raises(InputError, match=field):
             dataclasses.replace(OPTIONS, **{field: value})

@@ -151,6 +151,30 @@ def test_an_unfit_robot_is_refused_with_the_reason(emulator: Emulator, kind: str
         opened_and_refused(emulator)
 
 
+def test_the_makers_simulator_is_refused_unless_it_is_named(emulator: Emulator) -> None:
+    """It leaves checksum, mode_machine and tick at 0."""
+    emulator.control.fault("unfilled", "lowstate")
+    time.sleep(0.2)
+    with pytest.raises(DeviceFault, match="bad checksum"):
+        opened_and_refused(emulator)
+    with Host(emulator, peer="simulator") as host:
+        assert host.info.details["peer"].startswith("peer simulator: checksum, mode_machine and tick are not checked")
+        stamp_s = host.seen().imu_stamp_s
+        wait(lambda: host.seen().imu_stamp_s > stamp_s)
+        host.enable()
+        host.damp()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        assert host.faults == () and "wrong mode_machine" not in counts(emulator)
+
+
+@pytest.mark.parametrize(("kind", "reason"), [("corrupt", "bad checksum"), ("parallel_mode", "mode_pr")])
+def test_nothing_else_is_waived_for_a_simulator(emulator: Emulator, kind: str, reason: str) -> None:
+    emulator.control.fault(kind, "lowstate")
+    time.sleep(0.2)
+    with pytest.raises(DeviceFault, match=reason):
+        opened_and_refused(emulator, peer="simulator")
+
+
 def test_a_silent_robot_is_said_to_be_silent(emulator: Emulator) -> None:
     emulator.control.fault("silence", "lowstate")
     time.sleep(0.1)
