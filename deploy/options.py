@@ -26,6 +26,7 @@ class RunOptions:
     interface: str | None = None
     domain: int | None = None
     peer: str = "robot"
+    hand_back: bool = False
     gamepad: Path | None = None
     first_run_ok: bool = False
     sim: str = "default"
@@ -91,6 +92,8 @@ class RunOptions:
 
     def _check_wire(self) -> None:
         wires, got = ", ".join(WIRES), f"--backend {self.backend}"
+        if self.hand_back and self.backend != "dds":
+            raise InputError("--hand-back", got=got, expected="dds", hint="no other robot has a controller of its own")
         if self.peer != "robot" and (self.backend != "dds" or self.emulate):
             raise InputError("--peer", got=got, expected="dds, without --emulate")
         if (self.emulate or self.first_run_ok) and not self.on_wire:

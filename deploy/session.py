@@ -85,6 +85,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
             ending = _rehearse(options, setup, info, cell, signals)
         else:
             ending = _perform(options, setup, cell, film, signals, estop)
+            if options.hand_back and cell.machine.fault is None and isinstance(setup.backend, WireBackend):
+                setup.backend.hand_back()
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         scene = setup.actors[0].scene

@@ -53,6 +53,7 @@ class DdsDriver:
         self._frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
         self._states: StateReader | None = None
         self._taken = False
+        self._released: list[str] = []
         self._sent = 0
         self._next_check_s = -np.inf
 
@@ -112,7 +113,7 @@ class DdsDriver:
         """See Driver. Where its motion service was active, the robot is limp until the first damping is heard."""
         self._taken = False
         if self._service is not None:
-            self._service.release(self._options.release_s)
+            self._released = self._service.release(self._options.release_s) or self._released
         if self._others_command():
             self._writer.latch(SECOND_CONTROLLER)
             raise DeviceFault(f"dds: {SECOND_CONTROLLER}")
@@ -136,6 +137,13 @@ class DdsDriver:
         for _ in range(DISABLING_FRAMES):
             self._commands.write(LowCmd_(body))
             time.sleep(PAUSE_S)
+
+    def hand_back(self) -> str:
+        """See HandsBack. The mode of the motion service that was released first is selected again."""
+        if self._service is None or not self._released:
+            return "not handed back: no motion service was active before"
+        self._service.select(self._released[0], self._options.hand_back_s)
+        return f"handed back: the motion service drives in mode {self._released[0]!r}"
 
     def close(self) -> None:
         """See Driver."""

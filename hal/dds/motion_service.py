@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from collections.abc import Mapping
 from time import monotonic_ns
 from typing import Any
 
@@ -72,13 +73,22 @@ class MotionService:
             time.sleep(CHECK_S)
         return released
 
-    def _ask(self, api: int, *, patient: bool = False) -> dict[str, Any]:
+    def select(self, mode: str, limit_s: float) -> None:
+        """Have it drive the motors in a mode. Raises DeviceFault where it does not within limit_s."""
+        end_s = time.monotonic() + limit_s
+        self._ask(SELECT_MODE, {"name": mode})
+        while (active := self.active_mode()) != mode:
+            if time.monotonic() > end_s:
+                raise DeviceFault(f"dds: the motion service is in mode {active!r} {limit_s:g} s after {mode!r}")
+            time.sleep(CHECK_S)
+
+    def _ask(self, api: int, parameter: Mapping[str, str] | None = None, *, patient: bool = False) -> dict[str, Any]:
         """One request and its answer's content. patient: a busy service is no error."""
         self._await_service()
         identity = RequestIdentity_(next(self._ids), api)
         header = RequestHeader_(identity, RequestLease_(0), RequestPolicy_(0, False))
         self._responses.take(N=DEPTH)
-        self._requests.write(Request_(header, "{}", NO_BYTES))
+        self._requests.write(Request_(header, json.dumps(parameter or {}), NO_BYTES))
         response = self._await_response(identity.id)
         code = response.header.status.code
         if code == BUSY and patient:

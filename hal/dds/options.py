@@ -47,6 +47,7 @@ class DdsOptions:
     release_s: float
     mode_machine: int
     hands: str
+    hand_back_s: float
     held_speed_rad_s: float
     held: tuple[HeldMotor, ...]
     emulator: EmulatorOptions
@@ -54,7 +55,7 @@ class DdsOptions:
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
-        for name in ("link_timeout_s", "state_wait_s", "observe_s", "release_s", "held_speed_rad_s"):
+        for name in ("link_timeout_s", "state_wait_s", "observe_s", "release_s", "hand_back_s", "held_speed_rad_s"):
             positive(name, getattr(self, name))
         within("command_hz", self.command_hz, 50, 1000)
         within("domain", self.domain, 0, 232)

@@ -11,6 +11,7 @@ from core import robot_time as time
 from core.config import config_file, load_options
 from core.errors import InputError
 from core.rotations import quat_from_axis_angle, quat_mul
+from hal.contract.backend import REST_SPEED_RAD_S
 from hal.dds.driver import COMMAND_TOPIC
 from hal.dds.layout import CMD, STATE
 from hal.dds.link import LOOPBACK, DdsLink
@@ -89,7 +90,7 @@ class DdsDevice(DeviceSide):
         self._link = DdsLink(self._domain.number, LOOPBACK)
         self._publisher = self._link.writer(STATE_TOPIC, LowState_)
         self._second = self._link.writer(COMMAND_TOPIC, LowCmd_)
-        self._service = MotionServer(self._link, self._options.motion_service, self._options.release_s)
+        self._service = MotionServer(self._link, self._options.motion_service, self._options.release_s, self._at_rest)
         self._inbox = self._link.inbox(self._link.reader(COMMAND_TOPIC, LowCmd_), self._hear, "lowcmd")
         self._worker = Worker("lowstate", self._round, 1.0 / self._options.state_hz)
         self._worker.start()
@@ -115,6 +116,7 @@ class DdsDevice(DeviceSide):
         """See DeviceSide."""
         self._boot()
         self._counts.clear()
+        self._service.selected_at_rest.clear()
 
     def status(self) -> dict[str, Any]:
         """See DeviceSide. Counters: LowCmds obeyed, and refused by reason; LowStates sent, skipped and lost."""
@@ -122,6 +124,7 @@ class DdsDevice(DeviceSide):
             "counts": dict(self._counts),
             "skipped": self._worker.skipped,
             "motion_service": self._service.mode,
+            "selected_at_rest": list(self._service.selected_at_rest),
             "held_rad": dict(zip(self._held.names, self._held.pos_rad.tolist())),
             "held_violations": list(self._held.violations),
         }
@@ -145,6 +148,9 @@ class DdsDevice(DeviceSide):
                 )
                 raise InputError("unknown request", where="emulator", got=dict(content), expected=expected)
         return {}
+
+    def _at_rest(self) -> bool:
+        return bool(np.abs(self._robot.truth().joint_vel_rad_s).max() < REST_SPEED_RAD_S)
 
     @property
     def _machine(self) -> int:

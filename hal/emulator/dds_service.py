@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Callable
 
 from core import robot_time as time
 from hal.dds.link import DdsLink
@@ -25,10 +26,14 @@ VERSION = "1.0.0.1"
 
 
 class MotionServer:
-    """Answers the motion service's requests from a thread of its own. Letting go of the motors takes release_s."""
+    """Answers the motion service's requests from a thread of its own. Letting go of the motors takes release_s.
 
-    def __init__(self, link: DdsLink, mode: str, release_s: float) -> None:
-        self.release_s = release_s
+    selected_at_rest: for each mode that was asked for, whether the robot was at rest then, as at_rest said.
+    """
+
+    def __init__(self, link: DdsLink, mode: str, release_s: float, at_rest: Callable[[], bool]) -> None:
+        self.release_s, self._at_rest = release_s, at_rest
+        self.selected_at_rest: list[bool] = []
         self._mode, self._released_s = mode, float("inf")
         self._lock = threading.Lock()
         self._responses = link.writer(RESPONSE_TOPIC, Response_)
@@ -79,5 +84,6 @@ class MotionServer:
             return BAD_PARAMETER, ""
         if name not in MODES:
             return UNKNOWN_MODE, ""
+        self.selected_at_rest.append(self._at_rest())
         self.select(name)
         return OK, ""

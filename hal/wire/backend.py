@@ -169,6 +169,10 @@ class WireBackend(ClosesByDamping):
         self._dead_man.disarm()
         self._send("acknowledge")
 
+    def hand_back(self) -> None:
+        """When it is closed and the joints rest, the robot's own controller, where it has one, is to have it again."""
+        self._send("hand back")
+
     def close(self) -> None:
         """See Backend. Where the standby process has the wire, it damps to rest by itself."""
         if self._is_open and (not self._commanded or self.process_id is None):

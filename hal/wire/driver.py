@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from hal.contract.types import DeviceInfo
 from hal.wire.boards import StateBoard
@@ -102,6 +102,18 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Let go of the wire. Called once, also where `identify` has raised."""
+        ...
+
+
+@runtime_checkable
+class HandsBack(Protocol):
+    """A driver of a robot that has a controller of its own."""
+
+    def hand_back(self) -> str:
+        """After `disable`, with all joints at rest: the robot's own controller drives it again. In words, what does.
+
+        Raises DeviceError where it does not.
+        """
         ...
 
 

@@ -19,7 +19,7 @@ from core import robot_time as time
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
 from hal.wire.cycles import CycleThread
-from hal.wire.driver import Cycle, Driver, DriverFactory
+from hal.wire.driver import Cycle, Driver, DriverFactory, HandsBack
 from hal.wire.outbox import Outbox
 from hal.wire.ring import SharedMemory
 from hal.wire.saying import Saying, say
@@ -54,7 +54,7 @@ class WireProcess:
         self._threads: list[CycleThread] = []
         self._failures: dict[str, str] = {}
         self._lock = threading.Lock()
-        self._was_latched = False
+        self._was_latched = self._handing_back = False
         self._statistics_due_s = 0.0
 
     def run(self) -> int:
@@ -116,6 +116,8 @@ class WireProcess:
                 self._forget_failures()
                 self._outbox.acknowledge()
                 self._state.energised(self._outbox.energised)
+        elif request == "hand back":
+            self._handing_back = True
         elif request == "report":
             self._reply(self._report())
         elif isinstance(request, time.Pace):
@@ -148,16 +150,19 @@ class WireProcess:
             return
         start_s = moved_s = time.monotonic()
         while (now_s := time.monotonic()) - start_s < CLOSE_LIMIT_S:
-            snapshot = self._state.snapshot()
-            fastest = np.inf if snapshot is None else np.abs(snapshot.joint_vel_rad_s).max()
-            if not fastest < REST_SPEED_RAD_S:
+            if not self._at_rest():
                 moved_s = now_s
             if now_s - moved_s >= REST_HELD_S:
                 return
             time.sleep(WATCH_S)
 
+    def _at_rest(self) -> bool:
+        snapshot = self._state.snapshot()
+        return snapshot is not None and bool(np.abs(snapshot.joint_vel_rad_s).max() < REST_SPEED_RAD_S)
+
     def _end(self, driver: Driver) -> None:
         self._outbox.halt()
+        rested = self._at_rest()
         self._standby.dismiss()
         for thread in self._threads:
             if not thread.stop(STOP_WAIT_S):
@@ -165,8 +170,17 @@ class WireProcess:
         if self._outbox.energised:
             self._attempt("disable", driver.disable)
             self._say("damped, disabled")
+            if self._handing_back and isinstance(driver, HandsBack):
+                self._hand_back(driver, rested)
         self._attempt("close", driver.close)
         self._reply("closed")
+
+    def _hand_back(self, driver: HandsBack, rested: bool) -> None:
+        """Only a robot that damping has brought to rest, and whose devices are without fault."""
+        if not rested or self._failures or self._outbox.latched:
+            self._say(f"not handed back: {'something has failed' if rested else 'its joints still move'}")
+        else:
+            self._attempt("hand back", lambda: self._say(driver.hand_back()))
 
     def _attempt(self, what: str, action: Callable[[], None]) -> bool:
         try:

@@ -247,6 +247,7 @@ BAD = [
     ((), {"interface": "lo"}, "--interface and --domain"),
     (("can",), {"domain": 1}, "--interface and --domain, got --backend can"),
     (("dds",), {"domain": 1, "emulate": True}, "got --backend dds with --emulate"),
+    (("can",), {"hand_back": True}, "--hand-back, got --backend can"),
     (("can",), {"peer": "simulator"}, "--peer, got --backend can"),
     (("can",), {"realtime": False}, "--fast"),
     (("mujoco",), {"hal_config": "mock"}, "--hal-config"),

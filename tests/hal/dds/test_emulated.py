@@ -10,10 +10,13 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from core.clock import MonotonicClock
 from core.config import config_file
 from hal.contract.types import DeviceFault, LinkLost
+from hal.dds.driver import DdsFactory
 from hal.emulator import control, launch
 from hal.emulator.launch import Emulator, launch_emulator
+from hal.wire.backend import WireBackend
 from tests.hal.dds.host import LIMIT_S, Host, driver_for, wait
 from tests.hal.rigs import G1
 
@@ -124,6 +127,34 @@ def test_a_robot_that_has_restarted_is_taken_over_anew(emulator: Emulator) -> No
         host.driver.acknowledge()
         assert status(emulator)["device"]["motion_service"] == ""
         wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+
+
+def closed(emulator: Emulator, *, hand_back: bool) -> dict[str, Any]:
+    """A run of the whole backend that damps, and what the robot says once it is over."""
+    factory = DdsFactory(driver_for(emulator)._options)
+    times: dict[str, Any] = {"control_period_s": 0.1, "link_timeout_s": 5.0}
+    with WireBackend("dds", G1, MonotonicClock(), factory, **times) as backend:
+        backend.damp()
+        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        if hand_back:
+            backend.hand_back()
+    return status(emulator)
+
+
+def test_the_onboard_controller_has_the_robot_again_where_that_is_asked_for(
+    emulator: Emulator, capfd: pytest.CaptureFixture[str]
+) -> None:
+    told = closed(emulator, hand_back=True)
+    assert told["device"]["motion_service"] == "ai"
+    # It was asked after the last command: none was refused because the service drove.
+    assert "motion service active" not in told["device"]["counts"]
+    assert told["device"]["selected_at_rest"] == [True]
+    assert "handed back: the motion service drives in mode 'ai'" in capfd.readouterr().err
+
+
+def test_the_onboard_controller_stays_off_otherwise(emulator: Emulator) -> None:
+    told = closed(emulator, hand_back=False)
+    assert told["device"]["motion_service"] == "" and told["device"]["selected_at_rest"] == []
 
 
 def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:
