@@ -42,6 +42,7 @@ def random_window(rng, batch, joints) -> ReferenceWindow:
         root_quat_wxyz=random_quat(rng, *shape),
         root_lin_vel_w=rng.normal(size=(*shape, 3)),
         root_ang_vel_w=rng.normal(size=(*shape, 3)),
+        feedforward_rad=rng.normal(size=(*shape, joints)),
     )
 
 
@@ -142,7 +143,8 @@ def test_terms_that_look_ahead_mean_what_they_say():
         "reference_ang_vel": [0.0, 3.0, 1.0],
         "reference_lin_vel": [2.0, 0.0, 0.5],
     }
-    assert set(expected) == {name for name, term in TERMS.items() if term.windowed}
+    new = {"reference_joint_error", "reference_feedforward", "reference_heading"}  # see tests/train/world_model
+    assert set(expected) | new == {name for name, term in TERMS.items() if term.windowed}
     gimbal = {"reference_ang_vel", "reference_lin_vel"}  # looking straight down has no heading
     for name in expected.keys() - gimbal:
         np.testing.assert_allclose(TERMS[name].function(s, (2,)), expected[name], atol=1e-15)
