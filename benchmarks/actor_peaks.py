@@ -24,6 +24,7 @@ try:
     from deploy.control.timing import PhaseTimer
     from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
     from deploy.safety.rules import tilt_rad
+    from deploy.safety.trips import ticks_of
     from deploy.settings import DeploySettings, load_settings
     from hal.contract.types import RobotState
     from hal.simulated.mujoco import MujocoBackend
@@ -101,9 +102,9 @@ def measure(name: str, episodes: int, randomize: bool) -> dict[str, object]:
     rig = EpisodeRig(robot, robot.kinematics, settings, backend, clock, run, stand)
     unruly = dataclasses.replace(rig, settings=without_body_rules(settings))
     safety = settings.safety
-    lasting_s = (safety.tilt.for_s, safety.base_rate.for_s, safety.joint_speed.for_s)
-    lasting_s = (*lasting_s, *(safety.torque_saturation.for_s,) * 2)
-    ticks = tuple(max(1, round(seconds / run.period_s)) for seconds in lasting_s)
+    saturation_s = safety.torque_saturation.for_s
+    lasting_s = (safety.tilt.for_s, safety.base_rate.for_s, safety.joint_speed.for_s, saturation_s, saturation_s)
+    ticks = tuple(ticks_of(seconds, run.period_s) for seconds in lasting_s)
     peaks, falls, false = [], 0, []
     for episode in range(episodes):
         result, watch = play(rig, episode, start)

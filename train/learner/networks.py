@@ -131,7 +131,7 @@ class ActorNetwork(nn.Module):
 
     def __init__(
         self,
-        mlp: Mlp | Residual,
+        mlp: Residual,
         num_actions: int,
         noise_std: tuple[float, float, float],
         prior: ActionPrior | None = None,

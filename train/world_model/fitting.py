@@ -35,7 +35,7 @@ class ModelFitting:
         self.optimizer = torch.optim.AdamW(
             model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
         )
-        self._joints, self.normalized = len(model.kp_share), False
+        self._joints, self.normalized, self.skipped = len(model.kp_share), False, 0
         self._units = torch.cat([torch.full((n,), u) for n, u in zip(self._sizes(), UNITS, strict=True)])
         self._weights = torch.cat([torch.full((n,), w / n) for n, w in zip(self._sizes(), WEIGHTS, strict=True)])
 
@@ -66,7 +66,10 @@ class ModelFitting:
             group["lr"] = self._settings.learning_rate * (last + (1.0 - last) * share)
 
     def update(self, length: int, batch: int) -> Tensor:
-        """One update on ``batch`` windows of ``length`` steps; returns the loss, a scalar on the device."""
+        """One update on ``batch`` windows of ``length`` steps; returns the loss, a scalar on the device.
+
+        One whose gradient is not finite changes nothing; :attr:`skipped` counts them.
+        """
         played, actual, counts = self._play(length, batch, None)
         off = error(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
         units = pack(off) / self._units
@@ -77,6 +80,8 @@ class ModelFitting:
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
         if torch.isfinite(norm):
             self.optimizer.step()
+        else:
+            self.skipped += 1
         return loss.detach()
 
     def _play(self, length: int, batch: int, newest: int | None) -> tuple[list[Motion], Tensor, Tensor]:
@@ -114,6 +119,7 @@ class ModelFitting:
             "optimizer": self.optimizer.state_dict(),
             "generator": self._generator.get_state(),
             "normalized": self.normalized,
+            "skipped": self.skipped,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -121,4 +127,4 @@ class ModelFitting:
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
-        self.normalized = state["normalized"]
+        self.normalized, self.skipped = state["normalized"], state["skipped"]

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from core.rotations import projected_gravity
-from policy.observation import entry_size, sample_terms, term_dims, window_ticks
+from policy.observation import entry_size, sample_terms, term_dims, term_order, window_ticks
 from policy.reference import ReferenceWindow
 from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
@@ -17,7 +17,7 @@ from train.mdp.tick import ReferenceRows, ReferenceTable
 from train.world_model.context import Context, context_of
 from train.world_model.cost import Imagined
 from train.world_model.model import WorldModel
-from train.world_model.policy import BoundedResidual, Layout, as_measured
+from train.world_model.policy import BoundedResidual, Layout
 from train.world_model.settings import ImaginationSettings
 from train.world_model.starts import Start
 from train.world_model.state import Motion, reference_motion
@@ -67,7 +67,8 @@ class Imagination:
     ) -> None:
         self._robot, self._table, self._settings, self.generator = robot, table, settings, generator
         layout = Layout(group, robot.num_joints)
-        self._measured, self._compared, self._ahead = as_measured(layout.measured), layout.compared, layout.ahead
+        self._measured = term_order(ObservationGroup("measured", layout.measured))
+        self._compared, self._ahead = layout.compared, layout.ahead
         self._base = [slice(part.start - layout.state_size, part.stop - layout.state_size) for part in layout.base]
         self.lags = len(layout.measured) // len(self._measured)
         self._ticks = {terms: window_ticks([ObservationGroup("of", terms)]) for terms in (self._compared, self._ahead)}

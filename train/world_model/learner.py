@@ -64,7 +64,7 @@ class WorldModelLearner:
         self._noise_std = stds[torch.arange(env.num_envs) % len(stds)][:, None]
         self._noise = torch.zeros(env.num_envs, env.num_actions)
         self._segment = torch.zeros(env.num_envs, dtype=torch.long)
-        self._fitted, self._in_round, self._under_way, self._redrawn = 0, 0, False, 0
+        self._fitted, self._in_round, self._under_way, self._updates = 0, 0, False, 0
         self._figures: dict[str, float] = {}
 
     @property
@@ -113,6 +113,7 @@ class WorldModelLearner:
 
     def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:
         """See the protocol."""
+        self._updates += 1
         self._redraw()
         fit, done = self._settings.fitting, self._ring.count * self._ring.num_envs
         if self._fitted == 0 and done < fit.warm_up_steps:
@@ -127,8 +128,7 @@ class WorldModelLearner:
 
     def _redraw(self) -> None:
         """Physical constants change within no window."""
-        self._redrawn += 1
-        if self._redrawn % self._settings.collect.redraw_every == 0:
+        if self._updates % self._settings.collect.redraw_every == 0:
             self._env.simulator.redraw()
             self._segment += 1
 
@@ -147,7 +147,7 @@ class WorldModelLearner:
             self._hand_over()
             self._partner.begin("round", *self._handed())
             self._under_way = True
-        self._fitting.set_rate(cosine(self._progress))
+        self._fitting.set_rate(cosine(self._updates / self._iterations))
         for _ in range(fit.single_updates):
             single = self._fitting.update(1, fit.single_batch)
         for _ in range(fit.window_updates):
@@ -155,11 +155,8 @@ class WorldModelLearner:
         self._in_round = (self._in_round + 1) % self._settings.round
         if self._in_round == 0:
             self._settle()
-        return {"model/single_loss": float(single), "model/window_loss": float(window), **self._figures}
-
-    @property
-    def _progress(self) -> float:
-        return self._redrawn / self._iterations
+        losses = {"model/single_loss": float(single), "model/window_loss": float(window)}
+        return {**losses, "model/skipped": float(self._fitting.skipped), **self._figures}
 
     def _hand_over(self) -> None:
         """Both sides are idle: the world model goes there, the averaged policy comes here."""
@@ -208,7 +205,7 @@ class WorldModelLearner:
             "handed_over": self._handed_over.state_dict(),
             "noise": self._noise,
             "segment": self._segment,
-            "counters": [self._fitted, self._in_round, self._redrawn],
+            "counters": [self._fitted, self._in_round, self._updates],
             "figures": self._figures,
             "generator": self._generator.get_state(),
         }
@@ -221,7 +218,7 @@ class WorldModelLearner:
         self._acting.load_state_dict(state["acting"])
         self._handed_over.load_state_dict(state["handed_over"])
         self._noise, self._segment = state["noise"].clone(), state["segment"].clone()
-        self._fitted, self._in_round, self._redrawn = state["counters"]
+        self._fitted, self._in_round, self._updates = state["counters"]
         self._figures = dict(state["figures"])
         self._generator.set_state(state["generator"])
 

@@ -8,6 +8,8 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+from core.errors import InputError
+
 PR_SET_PDEATHSIG = 1
 END_S = 30.0  # a call that is under way is waited for so long
 
@@ -20,7 +22,7 @@ class Partner(Protocol):
         ...
 
     def finish(self) -> Any:
-        """Wait for the call's result. RuntimeError where it raised or its process has ended."""
+        """Wait for the call's result. InputError where it raised one; RuntimeError where it failed or has ended."""
         ...
 
     def close(self) -> None:
@@ -68,6 +70,8 @@ class Beside:
             failed, result = self._pipe.recv()
         except (EOFError, OSError) as error:
             raise RuntimeError("the process that learns the policy has ended") from error
+        if isinstance(result, InputError):
+            raise result
         if failed:
             raise RuntimeError(f"the process that learns the policy failed:\n{result}")
         return result
@@ -90,6 +94,8 @@ def _serve(target: object, pipe: Connection, others: Connection) -> None:
             method, arguments = pipe.recv()
             try:
                 answer: tuple[bool, Any] = False, getattr(target, method)(*arguments)
+            except InputError as error:
+                answer = True, error
             except Exception:
                 answer = True, traceback.format_exc()
             pipe.send(answer)

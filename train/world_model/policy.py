@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from core.errors import InputError
 from policy.observation import entry_size, term_dims
-from policy.spec import ObservationGroup, ObservationTerm
+from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.world_model.network import Network
 
@@ -139,8 +139,3 @@ class BoundedResidual(nn.Module):
         self.prepare()
         state, ahead = observation.split(self._split, dim=-1)
         return self.added(self.wish(state, self.network.encode(ahead)))
-
-
-def as_measured(entries: Sequence[ObservationTerm]) -> tuple[ObservationTerm, ...]:
-    """Distinct terms of the present tick."""
-    return tuple(dict.fromkeys(ObservationTerm(e.term, (0,), e.scale, e.clip, e.ticks, e.of) for e in entries))

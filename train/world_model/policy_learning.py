@@ -52,7 +52,7 @@ class PolicyLearning:
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas
         )
-        self.updates, self._normalized = 0, False
+        self.updates, self.skipped, self._normalized = 0, 0, False
 
     @torch.no_grad()
     def normalize(self, hard: Tensor) -> None:
@@ -89,6 +89,8 @@ class PolicyLearning:
         norm = torch.nn.utils.clip_grad_norm_(self.policy.parameters(), 1.0)
         if torch.isfinite(norm):
             self.optimizer.step()
+        else:
+            self.skipped += 1
         with torch.no_grad():
             for mine, its in zip(self.averaged.parameters(), self.policy.parameters(), strict=True):
                 mine.lerp_(its, 1.0 - s.average)
@@ -116,6 +118,7 @@ class PolicyLearning:
             "imagined/survival": float(alive[-1].mean()),
             "imagined/critic_loss": self.critic.loss,
             "imagined/gradient": float(norm),
+            "imagined/skipped": float(self.skipped),
             "policy_updates": float(self.updates),
         }
 
@@ -136,6 +139,7 @@ class PolicyLearning:
             "optimizer": self.optimizer.state_dict(),
             "critic": self.critic.state_dict(),
             "updates": self.updates,
+            "skipped": self.skipped,
             "generators": [g.get_state() for g in (self._starts.generator, self._imagination.generator)],
         }
 
@@ -143,7 +147,7 @@ class PolicyLearning:
         """Restore what :meth:`state_dict` returned."""
         for name in ("policy", "averaged", "optimizer", "critic"):
             getattr(self, name).load_state_dict(state[name])
-        self.updates, self._normalized = state["updates"], state["normalized"]
+        self.updates, self.skipped, self._normalized = state["updates"], state["skipped"], state["normalized"]
         for generator, value in zip(
             (self._starts.generator, self._imagination.generator), state["generators"], strict=True
         ):

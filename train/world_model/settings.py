@@ -26,6 +26,10 @@ class CollectSettings:
         at_least("world_model.collect.steps", self.steps, 1)
         at_least("world_model.collect.redraw_every", self.redraw_every, 1)
         within("world_model.collect.noise_memory", self.noise_memory, 0.0, 0.999)
+        if not self.noise_rad:
+            raise InputError(
+                "no group", where="world_model.collect.noise_rad", expected="one standard deviation or more"
+            )
         for std in self.noise_rad:
             at_least("world_model.collect.noise_rad", std, 0.0)
 
@@ -54,10 +58,10 @@ class FittingSettings:
     def __post_init__(self) -> None:
         _layers("fitting", self.hidden)
         positive("world_model.fitting.learning_rate", self.learning_rate)
-        for name in ("weight_decay", "single_updates", "window_updates", "warm_up_single", "warm_up_window"):
-            at_least(f"world_model.fitting.{name}", getattr(self, name), 0.0)
-        for name in ("single_batch", "window_batch", "window", "warm_up_steps", "warm_up_length"):
-            at_least(f"world_model.fitting.{name}", getattr(self, name), 1)
+        at_least("world_model.fitting.weight_decay", self.weight_decay, 0.0)
+        for name, value in vars(self).items():
+            if isinstance(value, int):
+                at_least(f"world_model.fitting.{name}", value, 1)
         within("world_model.fitting.last_share", self.last_share, 0.0, 1.0)
 
     @property

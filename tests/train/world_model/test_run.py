@@ -7,6 +7,7 @@ import onnx
 import pytest
 import torch
 
+from core.errors import InputError
 from deploy.actors import load_run
 from deploy.settings import load_settings
 from motion.library import CLIPS
@@ -44,6 +45,15 @@ def test_its_actor_plays_clips_it_never_saw(trained, capsys):
 def test_another_run_begins_with_its_policy_and_model(trained, tmp_path, capsys):
     execute([*SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
     assert "weights of actor and model" in capsys.readouterr().out
+
+
+def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
+    """Also where another process is what finds out."""
+    with pytest.raises(InputError, match=r"the actor's weights do not fit, got mlp\.network\.first\.weight of"):
+        execute([
+            *SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}",
+            "world_model.policy.hidden=[16,16]",
+        ])  # fmt: skip
 
 
 def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_path, capsys):

@@ -44,7 +44,7 @@ def test_with_constant_velocities_a_step_is_mujocos():
         qvel = np.concatenate([world[i], motion.ang_vel_b[i], motion.joint_vel_rad_s[i]])
         mujoco.mj_integratePos(model, qpos, qvel, DT_S)
         assert reached.pos_w[i].numpy() == pytest.approx(qpos[:3], abs=1e-12)
-        assert abs(np.dot(reached.quat_wxyz[i], qpos[3:7])) == pytest.approx(1.0, abs=1e-12)
+        assert abs(np.dot(reached.quat_wxyz[i].numpy(), qpos[3:7])) == pytest.approx(1.0, abs=1e-12)
         assert reached.joint_pos_rad[i].numpy() == pytest.approx(qpos[7:], abs=1e-12)
 
 
