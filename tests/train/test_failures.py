@@ -94,3 +94,15 @@ def test_failures_count_for_starts_of_the_two_seconds_before():
     failing_at(rates, 310, range(151, 161), share=0.05)
     hard = 1 - (1 - 0.05 * 10 / 25) ** 25
     assert rates.ahead()[0].tolist() == pytest.approx([0.0] * 3 + [hard] * 4 + [0.0] * 6, abs=1e-3)
+
+
+def test_a_short_clip_of_a_set_has_no_starts_behind_its_end():
+    """Bins that only a longer clip has weigh nothing for it."""
+    num_ticks = torch.tensor([60, 1000])
+    starts = StartSampler(StartSettings(by_failure=1.0), num_ticks, torch.Generator().manual_seed(3))
+    weights = starts.weights(torch.zeros(2, 40))
+    assert weights.sum(dim=1).tolist() == pytest.approx([1.0, 1.0])
+    assert weights[0, 3:].sum() == 0.0 and weights[1, 3:].min() > 0.0
+    tick, _ = starts.draw(torch.zeros(4000, dtype=torch.long), torch.zeros(2, 40))
+    # Three bins alike, of the last one ticks 50 to 59: those beyond become the last, 15 of 75 drawn.
+    assert torch.bincount(tick, minlength=60)[:50].float().mean() == pytest.approx(4000 / 75, rel=0.1)

@@ -313,3 +313,17 @@ def _about(model: mujoco.MjModel, body: int, axis: np.ndarray) -> float:
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[body])
     return float((turn.reshape(3, 3).T @ axis) ** 2 @ model.body_inertia[body])
+
+
+def test_constants_drawn_anew_reach_the_models_and_leave_the_episodes_gains():
+    ranges = DomainRanges(friction=(0.4, 1.2), mass_scale=(0.9, 1.1), kp_scale=(0.9, 1.1), com_xy_m=0.05)
+    sim = simulator(ranges, num_envs=2)
+    sim.reset(torch.arange(2), *standing(2))
+    pelvis = sim._nominal_model.body(g1().randomized_mass_bodies[0]).id
+    before = sim.domain
+    sim.redraw()
+    assert not torch.equal(sim.domain.friction, before.friction)
+    assert torch.equal(sim.domain.kp_scale, before.kp_scale)
+    for env, model in enumerate(sim._models):
+        scale = model.body_mass[pelvis] / sim._nominal_model.body_mass[pelvis]
+        assert scale == pytest.approx(float(sim.domain.mass_scale[env, 0]), rel=1e-6)
