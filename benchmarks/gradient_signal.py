@@ -33,7 +33,8 @@ try:
         from train.learner.storage import Minibatch
         from train.mdp.tracking import CONTROL_PERIOD_S
         from train.priors.build import prior_of
-        from train.session import Setup, environment_of, resumed_setup
+        from train.session import environment_of
+        from train.setup import Setup, resumed_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)

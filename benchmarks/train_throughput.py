@@ -52,7 +52,8 @@ try:
         from train.priors.build import prior_of
         from train.progress import TrainingProgress
         from train.runner import Runner
-        from train.session import Setup, environment_of, new_setup
+        from train.session import environment_of
+        from train.setup import Setup, new_setup
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)

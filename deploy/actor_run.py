@@ -9,6 +9,7 @@ from core.errors import InputError
 from deploy.safety.rules import tilt_rad
 from deploy.settings import EntrySettings
 from hal.contract.types import RobotState
+from motion.clip import Clip
 from motion.reference import Reference
 from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
@@ -20,17 +21,24 @@ class ActorRun:
     """An actor with its own history, raw last action and tick count, all forgotten when it starts.
 
     num_ticks: control ticks of its clip, floor(duration/dt). start_pose_rad: (J,) in the robot's joint order.
-    reference: what its clip asks for at every tick; for metrics, logs and pictures only.
+    clip, reference: what it tracks, and what that asks for at every tick.
     scene: what that stands in.
     Raises InputError when the actor carries no motion.
     """
 
-    def __init__(self, actor: Actor, robot: Robot, entry: EntrySettings, reference: Reference | None = None) -> None:
+    def __init__(
+        self,
+        actor: Actor,
+        robot: Robot,
+        entry: EntrySettings,
+        reference: Reference | None = None,
+        clip: Clip | None = None,
+    ) -> None:
         spec = actor.spec
         if spec.motion is None:
             raise InputError("the actor has no reference motion", where=actor.path, hint="give --motion")
         self.actor = actor
-        self.reference = reference
+        self.clip, self.reference = clip, reference
         self.scene = FLAT if reference is None else reference.scene
         self.name = spec.motion.name
         self.period_s = spec.control_period_s

@@ -23,6 +23,13 @@ ROUNDING = 1e-6
 Bound = np.ndarray | float
 
 
+def load_runs(
+    policies: Sequence[str], clips: Sequence[NamedClip], robot: Robot, entry: EntrySettings
+) -> list[ActorRun]:
+    """Each actor with each clip, or with its own where there are none. Raises InputError on any misfit."""
+    return [load_run(policy, clip, robot, entry) for policy in policies for clip in clips or (None,)]
+
+
 def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
     """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit."""
     if isinstance(motion, str | Path):
@@ -44,7 +51,7 @@ def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: R
     reference = build_reference(clip, robot, actor.spec.control_period_s)
     if asks_for(actor.spec.observations, "reference_feedforward"):
         reference = with_feedforward(robot, reference)
-    return ActorRun(actor, robot, entry, reference)
+    return ActorRun(actor, robot, entry, reference, clip)
 
 
 def check_bounds(run: ActorRun, robot: Robot, bounds: ActorSettings) -> None:

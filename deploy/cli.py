@@ -76,7 +76,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
     return RunOptions(
         backend=given.backend,
         policies=tuple(given.policy),
-        motion=given.motion,
+        motions=tuple(given.motion),
         stand=given.stand,
         robot=given.robot,
         settings=given.config,
@@ -118,7 +118,10 @@ def _parser() -> ArgumentParser:
     add = parser.add_argument
     add("--backend", required=True, choices=BACKENDS)
     add("--policy", required=True, action="append", metavar="NAME|FILE", help="repeat it to switch with --interactive")
-    add("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
+    add(
+        "--motion", action="append", default=[], metavar="NAME|FILE",
+        help="clip, folder of clips or manifest, for actors that carry none; repeat it to switch with --interactive",
+    )  # fmt: skip
     add("--stand", default="stand", metavar="NAME|FILE", help="the actor that balances before and after")
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
     add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")

@@ -39,8 +39,8 @@ class DryRunRecord:
     identity: str | None = None
 
     def path(self, folder: Path) -> Path:
-        """Where it is kept: the latest of this policy on this wire."""
-        return folder / f"{self.policy[:16]}-{self.wire[:16]}.json"
+        """Where it is kept: the latest of this policy with this clip on this wire."""
+        return folder / f"{self.policy[:16]}-{self.clip[:16]}-{self.wire[:16]}.json"
 
     def save(self, folder: Path, content: Mapping[str, Any]) -> Path:
         """Note that it passed now."""

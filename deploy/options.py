@@ -15,7 +15,7 @@ class RunOptions:
 
     backend: str
     policies: tuple[str, ...]
-    motion: str | None = None
+    motions: tuple[str, ...] = ()
     stand: str = "stand"
     robot: str = "g1_23dof"
     settings: str = "default"
@@ -76,8 +76,6 @@ class RunOptions:
         check_output_file("--json", self.json)
         check_output_file("--video", self.video)
         check_output_folder("--log", self.log)
-        if len(self.policies) > 1 and not self.attended:
-            raise InputError("several --policy", hint="add --interactive: a person chooses between them")
         if self.interactive and self.realtime is False:
             raise InputError("--interactive and --fast", hint="a person needs --realtime")
         if self.backend != "mujoco" and (self.viewer or self.sim_model or self.sim != "default"):

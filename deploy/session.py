@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
+from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.actors import check_bounds, check_same_period, check_same_scene, load_run
+from deploy.actors import check_bounds, check_same_period, check_same_scene, load_run, load_runs
 from deploy.cell import Cell
+from deploy.clip_check import check_clip, rehearse
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import dry_run
 from deploy.dry_run_record import RECORDS, DryRunRecord, record_of, require_records
@@ -36,6 +38,7 @@ from hal.simulated.mujoco import MujocoBackend
 from hal.verification.record import RECORDS as VERIFIED
 from hal.verification.record import VerifiedRecord
 from hal.wire.backend import WireBackend
+from motion.clip_set import open_clips
 from robot.robot import Robot, load_robot
 from world.model import check_meshes, compile_model
 from world.options import SimOptions, load_sim_options
@@ -78,6 +81,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
             _require_dry_runs(options, setup, None)
             wanted = setup.settings.estop
             estop = None if wanted is None else stack.enter_context(EStop(wanted, voice.complain))
+            if options.dry_run and options.on_real_wire:
+                _rehearse_clips(setup)
             info = setup.backend.open()
             _require_dry_runs(options, setup, info)
             _preflight(options, setup, info, [] if estop is None else [estop.check()])
@@ -101,7 +106,9 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
     if options.meshes is not None:
         check_meshes(robot, options.meshes)
-    actors = tuple(load_run(policy, options.motion, robot, settings.entry) for policy in options.policies)
+    actors = tuple(load_runs(options.policies, open_clips(options.motions, robot), robot, settings.entry))
+    if len(actors) > 1 and not options.attended:
+        raise InputError("several --policy or --motion", hint="add --interactive: a person chooses between them")
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
     runs = [*actors, *([] if stand is None else [stand])]
     for run in runs:
@@ -148,6 +155,14 @@ def _require_dry_runs(options: RunOptions, setup: _Setup, info: DeviceInfo | Non
         require_records(_dry_runs(options, setup, info), RECORDS, setup.settings.preflight.dry_run_days)
 
 
+def _rehearse_clips(setup: _Setup) -> None:
+    """A clip that its actor was not trained for is played in simulation before anything is opened."""
+    checks = [check for a in setup.actors for check in rehearse(a, setup.robot, setup.settings, setup.voice.say)]
+    if checks:
+        setup.voice.say(table(checks))
+        require(checks, "rehearsal")
+
+
 def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Sequence[Check]) -> None:
     """A simulated robot that is put at the clip's first frame is not at rest before."""
     checks = run_preflight(
@@ -161,6 +176,8 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Se
     )
     checks += besides
     checks += _verified(options, setup, info)
+    for actor in setup.actors:
+        checks += check_clip(actor, setup.robot, binding=options.on_real_wire)
     setup.voice.say(f"preflight {info.name}\n{table(checks)}")
     require(checks)
 

@@ -1,7 +1,8 @@
 """Several clips under their names: a folder of them, or a manifest that says more."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -63,6 +64,16 @@ class NamedClip:
     labels: tuple[str, ...] = ()
 
 
+def open_clips(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
+    """Clips by names, in files, in folders and in manifests, in that order. InputError where one is none."""
+    clips: list[NamedClip] = []
+    for motion in motions:
+        is_set = Path(motion).is_dir() or Path(motion).suffix in MANIFEST_ENDINGS
+        found = open_clip_set(motion, robot) if is_set else (NamedClip(Path(motion).stem, open_motion(motion, robot)),)
+        clips += found
+    return tuple(clips)
+
+
 def open_clip_set(folder_or_manifest: str | Path, robot: Robot, split: Split = "train") -> tuple[NamedClip, ...]:
     """The clips of ``split`` in a manifest, or all of a folder; in the order of their names.
 
@@ -101,4 +112,5 @@ def _opened(manifest: Path, entry: Entry, robot: Robot) -> NamedClip:
     if kind in HUMAN_FORMATS:
         hint = f"retarget it first: motion/process --input {path}"
         raise InputError("is a human's motion", where=f"{where}.file", got=kind.value, expected="a robot's", hint=hint)
-    return NamedClip(entry.name, read_clip(content, kind, str(path), robot, entry.fps), entry.labels)
+    clip = read_clip(content, kind, str(path), robot, entry.fps)
+    return NamedClip(entry.name, replace(clip, license=entry.licence or clip.license), entry.labels)

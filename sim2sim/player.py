@@ -8,13 +8,12 @@ import numpy as np
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.actors import load_run
+from deploy.actors import load_run, load_runs
 from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
 from deploy.settings import load_settings
 from hal.simulated.mujoco import MujocoBackend
-from motion.clip_set import MANIFEST_ENDINGS, NamedClip, open_clip_set
-from motion.library import open_motion
-from robot.robot import Robot, load_robot
+from motion.clip_set import open_clips
+from robot.robot import load_robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.request import EvaluationRequest
 
@@ -30,10 +29,8 @@ class Player:
         self._settings = load_settings()
         self._kinematics = self.robot.kinematics
         entry = self._settings.entry
-        self.clips = clips_of(request.motions, self.robot)
-        self.runs = [
-            load_run(policy, clip, self.robot, entry) for policy in request.policies for clip in self.clips or (None,)
-        ]
+        self.clips = open_clips(request.motions, self.robot)
+        self.runs = load_runs(request.policies, self.clips, self.robot, entry)
         self._stand = load_run(STAND_ACTOR, None, self.robot, entry) if request.start == "stand" else None
         periods = {run.period_s for run in (*self.runs, *([self._stand] if self._stand else []))}
         if len(periods) > 1:
@@ -84,16 +81,6 @@ class Player:
             stand=self._stand,
             report_only=options.report_only,
         )
-
-
-def clips_of(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
-    """The clips by names, in files, in folders and in manifests. InputError where one is none."""
-    clips: list[NamedClip] = []
-    for motion in motions:
-        is_set = Path(motion).is_dir() or Path(motion).suffix in MANIFEST_ENDINGS
-        found = open_clip_set(motion, robot) if is_set else (NamedClip(Path(motion).stem, open_motion(motion, robot)),)
-        clips += found
-    return tuple(clips)
 
 
 def run_names(policies: Sequence[str]) -> list[str]:

@@ -6,7 +6,8 @@ from pathlib import Path
 from core.errors import InputError
 from train.config import check, compose_document
 from train.origins import told
-from train.session import new_setup, replay_dump, resumed_setup, train
+from train.session import replay_dump, train
+from train.setup import new_setup, resumed_setup
 
 
 def execute(arguments: Sequence[str]) -> None:

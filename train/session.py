@@ -1,10 +1,8 @@
 """From a configuration to a run: builds the parts, trains, exports, sums up."""
 
-import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +12,20 @@ from core.code import code_version
 from core.errors import InputError
 from core.files import write_json, write_whole
 from core.signals import StopRequest
-from motion.clip import Clip, load_clip, save_clip
-from motion.clip_set import NamedClip, open_clip_set
-from motion.library import open_motion
+from motion.clip import load_clip, save_clip
+from motion.envelope import TRAINED_ON, envelope_of
 from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
-from train.config import TrainConfig, check, fingerprint, to_yaml, with_budget
+from train.config import check, fingerprint, to_yaml
 from train.export import actor_spec, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
 from train.learner.learner import Learner
-from train.lineage import Source, begin_from, find_source
+from train.lineage import begin_from
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
@@ -39,77 +36,10 @@ from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import TrainingReport, story
 from train.runner import Runner
+from train.setup import Setup, stored_clips
 from train.world_model.build import build_world_model_learner
 
 EVALUATION_SEED = 12345
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What is checked before any simulation."""
-
-    document: dict[str, Any]
-    config: TrainConfig
-    robot: Robot
-    clip: Clip
-    run_dir: Path
-    state: dict[str, Any] | None
-    clips: tuple[NamedClip, ...] = ()
-    source: Source | None = None
-
-    @property
-    def references(self) -> dict[str, Reference]:
-        """What is tracked, by name."""
-        clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)
-        return {clip.name: build_reference(clip.clip, self.robot, CONTROL_PERIOD_S) for clip in clips}
-
-    @cached_property
-    def friction_needed(self) -> float:
-        """The friction without which the ground cannot supply what the clips ask for."""
-        demands = (demand_of(self.robot, reference) for reference in self.references.values())
-        return max(float(friction_needed(demand).max()) for demand in demands)
-
-    @property
-    def followable(self) -> TrainConfig:
-        """The configuration, without friction below what the clips need."""
-        environment = self.config.environment
-        ranges = environment.randomization.with_friction_from(self.friction_needed)
-        return replace(self.config, environment=replace(environment, randomization=ranges))
-
-
-def new_setup(document: dict[str, Any]) -> Setup:
-    """Check everything of a new run. InputError for anything unusable."""
-    config = check(document)
-    robot = load_robot(config.robot)
-    clips = () if config.motions is None else open_clip_set(config.motions, robot)
-    clip = clips[0].clip if config.motion is None else open_motion(config.motion, robot)
-    if Path(config.robot).is_file():
-        document = {**document, "robot": str(Path(config.robot).resolve())}
-    run_dir = _new_run_dir(config)
-    document = {**document, "run_dir": str(run_dir)}
-    source = (
-        None if config.init_from is None else find_source(config.init_from, robot, config.environment.actor_group())
-    )
-    setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source)
-    _ = setup.references  # what is no reference is refused now
-    return setup
-
-
-def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
-    """Read the newest checkpoint of a run. InputError where there is none or it does not fit."""
-    if not run_dir.is_dir():
-        raise InputError("no such run folder", where="resume", got=run_dir, expected="the folder of an earlier run")
-    state = Checkpoints(run_dir).load_newest()
-    document = with_budget(state["config"], budget_overrides)
-    config = check(document)
-    robot = load_robot(config.robot)
-    return Setup(
-        document, config, robot, load_clip(run_dir / CLIP_FILE), run_dir, state, _stored_clips(config, run_dir, robot)
-    )
-
-
-def _stored_clips(config: TrainConfig, run_dir: Path, robot: Robot) -> tuple[NamedClip, ...]:
-    return () if config.motions is None else open_clip_set(run_dir / CLIPS_FOLDER, robot)
 
 
 def train(setup: Setup) -> None:
@@ -177,7 +107,7 @@ def replay_dump(path: Path) -> str:
     config = check(dump["config"])
     torch.set_num_threads(config.threads)
     robot = load_robot(config.robot)
-    clips = _stored_clips(config, path.parent, robot)
+    clips = stored_clips(config, path.parent, robot)
     setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None, clips)
     seen = replay(dump, environment_of(setup))
     recorded = f"recorded: {dump['group']}"
@@ -219,23 +149,6 @@ def environment_of(setup: Setup) -> Environment:
     return PairedEnv(leaders, twins, exploration.steps)
 
 
-def _new_run_dir(config: TrainConfig) -> Path:
-    if config.run_dir is None:
-        run_dir = Path("runs") / config.motion_name / time.strftime("%Y%m%d_%H%M%S")
-    else:
-        run_dir = Path(config.run_dir)
-    run_dir = run_dir.resolve()
-    existing = next(folder for folder in (run_dir, *run_dir.parents) if folder.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise InputError("not a writable folder", where="run_dir", got=existing, expected="a place for the run's files")
-    if any((run_dir / name).exists() for name in (CONFIG_FILE, "checkpoints")):
-        raise InputError(
-            "holds a run already", where="run_dir", got=run_dir, expected="a new folder",
-            hint=f"resume={run_dir} goes on with it",
-        )  # fmt: skip
-    return run_dir
-
-
 def _begin_folder(setup: Setup) -> None:
     """Create the run folder with its configuration and clip."""
     try:
@@ -261,6 +174,16 @@ def _restore(runner: Runner, setup: Setup) -> None:
         ) from error  # fmt: skip
 
 
+def _learned_from(setup: Setup) -> dict[str, Any]:
+    """Of a clip set: the clips, to give credit, and their range, by which an actor tells what it does not know."""
+    clips = [
+        {"name": named.name, "source": named.clip.source, "license": named.clip.license, "sha256": named.clip.sha256}
+        for named in setup.clips
+    ]
+    envelope = envelope_of(setup.references.values(), setup.robot)
+    return {"clips": clips, TRAINED_ON: envelope} if clips else {TRAINED_ON: envelope}
+
+
 def _export(setup: Setup, runner: Runner, evaluation: EvaluationHook, progress: TrainingProgress, code: str) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
@@ -276,6 +199,7 @@ def _export(setup: Setup, runner: Runner, evaluation: EvaluationHook, progress: 
         "precision": setup.config.precision,
         "threads": setup.config.threads,
         **({} if runner.lineage is None else {"lineage": dict(runner.lineage)}),
+        **_learned_from(setup),
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
     group = setup.config.environment.actor_group()

@@ -1,6 +1,7 @@
 """Actors of one constant target for the real robot, each with a clip of standing still."""
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -41,7 +42,11 @@ def standing_clip(duration_s: float) -> Clip:
 
 
 def write_still_actor(
-    path: Path, duration_s: float = 0.4, offsets_rad: dict[str, float] | None = None, any_clip: bool = False
+    path: Path,
+    duration_s: float = 0.4,
+    offsets_rad: dict[str, float] | None = None,
+    any_clip: bool = False,
+    provenance: dict[str, Any] | None = None,
 ) -> Path:
     """An actor whose target is the default pose plus `offsets_rad`, whatever it observes."""
     action = np.zeros(ROBOT.num_joints, dtype=np.float32)
@@ -71,7 +76,7 @@ def write_still_actor(
         observations=(OBSERVATION,),
         motion=None if any_clip else motion,
         follows="any_clip" if any_clip else "clip",
-        provenance={},
+        provenance=provenance or {},
     )
     write_metadata(path, spec, None if any_clip else clip_to_bytes(clip))
     return path

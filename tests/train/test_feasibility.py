@@ -9,7 +9,8 @@ from motion.clip import save_clip
 from motion.reference import build_reference
 from tests.train.worlds import g1, swaying_clip
 from train.config import compose_document
-from train.session import environment_of, feasibility, friction_floor, new_setup
+from train.session import environment_of, feasibility, friction_floor
+from train.setup import new_setup
 from train.simulation.domain import DomainRanges
 
 

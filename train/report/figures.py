@@ -69,6 +69,21 @@ PANELS = (
         caption="Error limit in m; penalties and randomisation as shares of their full size.",
     ),
     Panel("Learner", "value", ("learning_rate", "kl", "noise_std"), logarithmic=True),
+    Panel(
+        "World model", "of constant velocities' error", ("open_loop/",), logarithmic=True,
+        caption="Median error of each part of the state after 1, 4, 16 and 32 steps of its own, on the newest steps, "
+        "over the error of a robot whose velocities never change.",
+    ),
+    Panel(
+        "Foretold and real", "value", ("foretold/",),
+        caption="From the same states, without noise on actions: mean cost, and the share of robots that last for the "
+        "horizon, as imagined and as simulated.",
+    ),
+    Panel(
+        "Imagined cost", "per step", ("imagined/cost", "imagined/points", "imagined/place", "imagined/orientation",
+        "imagined/joints", "imagined/joint_speeds", "imagined/velocity", "imagined/spin"), logarithmic=True,
+        caption="What the policy learns by, weighted.",
+    ),
     Panel("Speed", "steps/s", ("time/steps_per_s",), caption="Control steps of all environments per second."),
     Panel(
         "Reward", "per step", (_REWARD,),

@@ -8,6 +8,7 @@ from robot.robot import Robot
 from train.config import TrainConfig
 from train.learner.networks import ActorNetwork
 from train.mdp.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+from train.world_model.comparison import Comparison
 from train.world_model.context import QUEUE, packed_context
 from train.world_model.critic import Critic, critic_size
 from train.world_model.fitting import ModelFitting
@@ -55,21 +56,42 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
         policy,
         _critic(settings, joints, layout.ahead_size + context, config.precision, stream("critic")),
         handed_over,
-        Imagination(
-            robot, env.actor_group, env.command.table, env.settings.observation_noise, settings.imagination,
-            ACTION_SCALE, stream("imagination"),
-        ),
+        _imagination(settings, env, robot, stream("imagination")),
         Starts(settings.starts, its_ring := copy.copy(ring), env.command.table, _past(layout), stream("starts")),
         rounds * settings.policy.updates,
-    )  # fmt: skip
+    )
     for module in (handed_over, learning.averaged):
         module.share_memory()
-    side = PolicySide(learning, its_ring)
+    side = PolicySide(learning, its_ring, _comparison(settings, env, robot, its_ring, _past(layout)))
     partner = Beside(side) if settings.processes == 2 else InTurn(side)
     actor = ActorNetwork(learning.averaged, joints, (0.1, 0.01, 1.0), CarryingTargets(layout, ACTION_SCALE))
     fitting = ModelFitting(model, settings.fitting, ring, stream("fitting"))
     return WorldModelLearner(
         settings, env, ring, fitting, actor, handed_over, partner, config.iterations, stream("acting")
+    )
+
+
+def _imagination(
+    settings: WorldModelSettings, env: TrackingEnv, robot: Robot, generator: torch.Generator
+) -> Imagination:
+    return Imagination(
+        robot, env.actor_group, env.command.table, env.settings.observation_noise, settings.imagination, ACTION_SCALE,
+        generator,
+    )  # fmt: skip
+
+
+def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ring: Ring, past: int) -> Comparison:
+    generator, table = torch.Generator(), env.command.table
+    noise = torch.tensor(settings.collect.noise_rad)[torch.arange(env.num_envs) % len(settings.collect.noise_rad)]
+    return Comparison(
+        ring=ring,
+        imagination=_imagination(settings, env, robot, generator),
+        starts=Starts(settings.starts, ring, table, past, generator),
+        table=table,
+        costs=settings.cost,
+        quiet=(noise == noise.min()).nonzero()[:, 0],
+        longest_episode=round(env.settings.termination.max_episode_s / CONTROL_PERIOD_S),
+        generator=generator,
     )
 
 

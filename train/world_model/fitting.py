@@ -70,7 +70,7 @@ class ModelFitting:
 
         One whose gradient is not finite changes nothing; :attr:`skipped` counts them.
         """
-        played, actual, counts = self._play(length, batch, None)
+        played, actual, counts = self._play(length, batch)
         off = error(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
         units = pack(off) / self._units
         losses = ((units.square() + SOFTNESS**2).sqrt() - SOFTNESS) @ self._weights
@@ -84,10 +84,10 @@ class ModelFitting:
             self.skipped += 1
         return loss.detach()
 
-    def _play(self, length: int, batch: int, newest: int | None) -> tuple[list[Motion], Tensor, Tensor]:
+    def _play(self, length: int, batch: int) -> tuple[list[Motion], Tensor, Tensor]:
         """The model's states after each step of windows, the actual ones, and whether (length · batch,) they count."""
         ring = self._ring
-        times, robots = ring.sample(batch, length, newest, self._generator)
+        times, robots = ring.sample(batch, length, None, self._generator)
         first = ring.at(times[0], robots)
         states = ring.states(times, robots)
         segments = ring.segments(times, robots)
@@ -98,19 +98,6 @@ class ModelFitting:
         context = context_of(first.context, self._joints)
         played = self.model.play(unpack(states[0]), targets.unbind(0), before, context)
         return played, states[1:].flatten(0, 1), counts.flatten()
-
-    @torch.no_grad()
-    def open_loop(self, length: int, number: int) -> dict[str, float]:
-        """How far off the model is after ``length`` steps of the newest windows: medians, and of standing still."""
-        played, actual, counts = self._play(length, number, length + 60)
-        last, whole = unpack(actual.unflatten(0, (length, -1))[-1]), counts.unflatten(0, (length, -1))[-1] > 0
-        off = error(played[-1], last)
-        names = ("pos_mm", "turn_mrad", "lin_vel", "ang_vel", "joint_mrad", "joint_vel")
-        scales = (1e3, 1e3, 1.0, 1.0, 1e3, 1.0)
-        return {
-            f"model/{name}": float(scale * part[whole].norm(dim=1).median())
-            for name, part, scale in zip(names, off, scales, strict=True)
-        }
 
     def state_dict(self) -> dict[str, Any]:
         """Model, optimiser, generator."""

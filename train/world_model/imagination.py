@@ -76,14 +76,14 @@ class Imagination:
         half = [np.full(entry_size(e, dims), noise.get(e.term, 0.0) * e.scale) for e in self._measured]
         self._noise = torch.tensor(np.concatenate(half)).float()
         self._default = torch.tensor(robot.default_pos_rad).float()
-        self._action_scale, self._joints = action_scale, joints
+        self._action_scale, self._joints, self.horizon = action_scale, joints, settings.horizon
         self._kp_share, self._kd_share = (
             torch.tensor(gain / robot.torque_limit_nm).float() for gain in (robot.kp, robot.kd)
         )
 
     def play(self, policy: BoundedResidual, model: WorldModel, start: Start, *, noisy: bool) -> Rollout:
         """Both networks are prepared. ``noisy``: whether half of the robots act with noise."""
-        steps = self._settings.horizon
+        steps = self.horizon
         clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1)[:, None]
         ahead = self._look_ahead(clip, tick)
         encoded_ahead = policy.network.encode(ahead[:-1].flatten(0, 1)).unflatten(0, ahead[:-1].shape[:2]).unbind(0)
@@ -109,7 +109,7 @@ class Imagination:
             wishes.append(wish)
             targets.append(target)
         rows = self._table.rows(clip[1:].flatten(), tick[1:].flatten())
-        imagined = self._compare(states, befores, torch.stack(targets), torch.stack(wishes), rows)
+        imagined = self.compare(states, befores, torch.stack(targets), torch.stack(wishes), rows)
         return Rollout(imagined, self._alive(imagined), torch.stack(wishes), ahead, context)
 
     def first_sight(self, start: Start) -> tuple[Tensor, Tensor, Motion, Motion, Context]:
@@ -185,9 +185,10 @@ class Imagination:
             noise.append(now)
         return noise
 
-    def _compare(
+    def compare(
         self, states: list[Motion], befores: list[Motion], targets: Tensor, wishes: Tensor, rows: ReferenceRows
     ) -> Imagined:
+        """What H steps cost by: states after and before each, targets and wishes (H, B, J), references after each."""
         motion = Motion(*(torch.stack(parts) for parts in zip(*states, strict=True)))
         q, speed = (torch.stack(parts) for parts in list(zip(*befores, strict=True))[-2:])
         shape = wishes.shape[:2]

@@ -13,16 +13,17 @@ from train.learner.networks import ActorNetwork
 from train.learner.transfer import copy_weights, misfits
 from train.mdp.draws import normal
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+from train.world_model.comparison import Comparison
 from train.world_model.context import packed_context
 from train.world_model.fitting import ModelFitting
 from train.world_model.partner import Partner
 from train.world_model.policy_learning import PolicyLearning, cosine
 from train.world_model.ring import Ring, Steps
-from train.world_model.settings import OPEN_LOOP_STEPS, WorldModelSettings
+from train.world_model.settings import WorldModelSettings
 from train.world_model.state import motion_of, pack
 
 WARM_UP_CHUNK = 20
-OPEN_LOOP_WINDOWS = 1000
+COMPARE_ROUNDS = 25
 
 
 class WorldModelLearner:
@@ -139,7 +140,7 @@ class WorldModelLearner:
             size = (1, fit.single_batch) if single else (fit.warm_up_length, fit.window_batch)
             loss = self._fitting.update(*size)
             self._fitted += 1
-        return {"model/loss": float(loss), **self._fitting.open_loop(OPEN_LOOP_STEPS, OPEN_LOOP_WINDOWS)}
+        return {"model/loss": float(loss)}
 
     def _round(self) -> dict[str, float]:
         fit = self._settings.fitting
@@ -156,7 +157,14 @@ class WorldModelLearner:
         if self._in_round == 0:
             self._settle()
         losses = {"model/single_loss": float(single), "model/window_loss": float(window)}
-        return {**losses, "model/skipped": float(self._fitting.skipped), **self._figures}
+        return {**losses, "model/skipped": float(self._fitting.skipped), **self._figures, **self._compared()}
+
+    def _compared(self) -> dict[str, float]:
+        """What the world model foretells beside what happened, every few rounds."""
+        if self._updates % (COMPARE_ROUNDS * self._settings.round):
+            return {}
+        compared: dict[str, float] = self._call("compare", self._ring.next, self._ring.count)
+        return compared
 
     def _hand_over(self) -> None:
         """Both sides are idle: the world model goes there, the averaged policy comes here."""
@@ -226,8 +234,8 @@ class WorldModelLearner:
 class PolicySide:
     """What the learner's partner carries out: policy learning on a ring whose end is told with each call."""
 
-    def __init__(self, learning: PolicyLearning, ring: Ring) -> None:
-        self._learning, self._ring = learning, ring
+    def __init__(self, learning: PolicyLearning, ring: Ring, comparison: Comparison) -> None:
+        self._learning, self._ring, self._comparison = learning, ring, comparison
 
     def normalize(self, following: int, count: int, hard: Tensor) -> None:
         """See :meth:`PolicyLearning.normalize`."""
@@ -238,6 +246,11 @@ class PolicySide:
         """See :meth:`PolicyLearning.round`."""
         self._ring.next, self._ring.count = following, count
         return self._learning.round(hard)
+
+    def compare(self, following: int, count: int) -> dict[str, float]:
+        """See :class:`Comparison`."""
+        self._ring.next, self._ring.count = following, count
+        return self._comparison.figures(self._learning.averaged, self._learning.model)
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
         """See :meth:`PolicyLearning.start_from`."""

@@ -46,7 +46,7 @@ class PolicyLearning:
         starts: Starts,
         updates: int,
     ) -> None:
-        self.settings, self.policy, self.critic, self._model = settings, policy, critic, model
+        self.settings, self.policy, self.critic, self.model = settings, policy, critic, model
         self._imagination, self._starts, self._updates = imagination, starts, updates
         self.averaged = copy.deepcopy(policy).requires_grad_(False)
         self.optimizer = torch.optim.Adam(
@@ -78,9 +78,9 @@ class PolicyLearning:
         for group in self.optimizer.param_groups:
             group["lr"] = s.learning_rate * (s.last_share + (1.0 - s.last_share) * cosine(self.updates / self._updates))
         self.policy.prepare()
-        self._model.prepare()
+        self.model.prepare()
         self.critic.prepare()
-        rollout = self._imagination.play(self.policy, self._model, start, noisy=True)
+        rollout = self._imagination.play(self.policy, self.model, start, noisy=True)
         terms = terms_of(rollout.imagined, self.settings.cost)
         cost = total(terms, s.cost_max)
         loss = self._loss(rollout, cost)

@@ -7,7 +7,7 @@ from core.structured import at_least, positive, within
 from train.world_model.cost import COSTS
 from train.world_model.ring import MARGIN
 
-OPEN_LOOP_STEPS = 16  # after which the model's error is told
+OPEN_LOOP_STEPS = (1, 4, 16, 32)  # after which the model's error is told
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class WorldModelSettings:
 
     def check(self, num_envs: int) -> None:
         """InputError where so many robots do not fill the first windows."""
-        needed = num_envs * (max(self.fitting.longest, OPEN_LOOP_STEPS) + MARGIN + 2)
+        needed = num_envs * (max(self.fitting.longest, self.imagination.horizon, *OPEN_LOOP_STEPS) + MARGIN + 2)
         if self.fitting.warm_up_steps < needed:
             raise InputError(
                 "too few steps for the windows", where="world_model.fitting.warm_up_steps",

@@ -62,7 +62,7 @@ class Starts:
         newest = self._settings.newest_steps // self._ring.num_envs
         times, robots = self._ring.sample(number, 0, newest, self.generator)
         start = self.of(times[0], robots)
-        return self._anchored(self._with_references(start, round(self._settings.reference_share * number), hard))
+        return self.anchored(self._with_references(start, round(self._settings.reference_share * number), hard))
 
     def of(self, times: Tensor, robots: Tensor) -> Start:
         """What robots (n,) were in at places in time (n,)."""
@@ -120,7 +120,7 @@ class Starts:
             off(frames.joint_vel_rad_s, NOISE["joint_vel"]),
         )
 
-    def _anchored(self, start: Start) -> Start:
+    def anchored(self, start: Start) -> Start:
         """Moved along the ground to within ``place_m`` of the reference: a robot can know nothing of its place."""
         there = self._table.rows(start.clip, start.tick).root_pos_w[:, :2]
         off = start.motion.pos_w[:, :2] - there

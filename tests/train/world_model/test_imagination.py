@@ -46,9 +46,9 @@ def test_at_a_start_the_policy_sees_what_the_environments_actor_sees(parts, star
 
 def test_the_imagined_torque_is_that_of_the_exported_policys_action(parts, start):
     env, learner, observations, learning = parts
-    learning._model.prepare()
+    learning.model.prepare()
     learning.averaged.prepare()
-    rollout = learning._imagination.play(learning.averaged, learning._model, start, noisy=False)
+    rollout = learning._imagination.play(learning.averaged, learning.model, start, noisy=False)
     action = learner._actor(observations["actor"]).double()
     targets = decode_action(action, env.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
     kp, kd, limit = (torch.tensor(values) for values in (ROBOT.kp, ROBOT.kd, ROBOT.torque_limit_nm))
@@ -102,9 +102,9 @@ def test_the_gradient_is_that_of_finite_differences():
 
     def loss():
         learning._imagination.generator.manual_seed(5)
-        for module in (learning.policy, learning._model, learning.critic.averaged):
+        for module in (learning.policy, learning.model, learning.critic.averaged):
             module.prepare()
-        rollout = learning._imagination.play(learning.policy, learning._model, start, noisy=True)
+        rollout = learning._imagination.play(learning.policy, learning.model, start, noisy=True)
         return learning._loss(rollout, total(terms_of(rollout.imagined, learning.settings.cost), 20.0))
 
     learning.updates = 10
@@ -135,8 +135,8 @@ def test_a_robot_that_is_lost_stays_lost(parts):
     start = learning._starts.draw(16, env.command.hard())
     fallen = unpack(pack(start.motion))
     fallen = fallen._replace(pos_w=fallen.pos_w - torch.tensor([0.0, 0.0, 0.6]))
-    learning._model.prepare()
+    learning.model.prepare()
     learning.averaged.prepare()
     play = learning._imagination.play
-    alive = play(learning.averaged, learning._model, dataclasses.replace(start, motion=fallen), noisy=False).alive
+    alive = play(learning.averaged, learning.model, dataclasses.replace(start, motion=fallen), noisy=False).alive
     assert alive[0].sum() == 0.0 and alive.sum() == 0.0

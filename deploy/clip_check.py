@@ -1,0 +1,78 @@
+"""A clip that an actor gets at run time: can it be done, is it known, and how does it end in simulation?"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from core.clock import SimulatedClock
+from deploy.actor_run import ActorRun
+from deploy.episode import EpisodeRig, run_episode
+from deploy.preflight import Check
+from deploy.settings import DeploySettings
+from hal.simulated.mujoco import MujocoBackend
+from motion.envelope import envelope_from, novelty
+from motion.filter import judge
+from robot.robot import Robot
+from world.options import load_sim_options
+
+EPISODES = 3
+START_NOISE_RAD = 0.02
+
+
+def check_clip(run: ActorRun, robot: Robot, *, binding: bool) -> list[Check]:
+    """Whether the clip is trackable at all, and how near it is to what the actor was trained on.
+
+    Nothing for an actor that carries its clip. binding: whether a clip that nobody can perform fails the check.
+    """
+    if run.actor.spec.follows != "any_clip" or run.clip is None or run.reference is None:
+        return []
+    verdict = judge((run.clip, robot))
+    envelope = envelope_from(run.actor.spec.provenance)
+    known = "its actor does not say what it was trained on"
+    if envelope is not None:
+        known = str(novelty(run.reference, robot, envelope))
+    found = known if verdict.stable else "; ".join(verdict.reasons)
+    return [Check(f"clip {run.name}", verdict.stable or not binding, found)]
+
+
+def rehearse(run: ActorRun, robot: Robot, settings: DeploySettings, say: Callable[[str], None]) -> list[Check]:
+    """Play a clip that came at run time in simulation; the check passes where every episode ends with the clip.
+
+    The first is the nominal robot's, in the others everything differs that Table 7 lets differ.
+    """
+    if run.actor.spec.follows != "any_clip":
+        return []
+    say(f"rehearsing {run.name} in simulation, {EPISODES} times {run.duration_s:.1f} s")
+    ended, errors_mm, faults = 0, [], []
+    for episode in range(EPISODES):
+        result = run_episode(
+            _rig(run, robot, settings, randomize=episode > 0),
+            np.random.default_rng(episode),
+            start_noise_rad=START_NOISE_RAD,
+        )
+        completed = result.outcome == "completed" and not result.fell
+        ended += completed
+        error_mm = result.metrics["empbpe_mm"]
+        if completed and error_mm is not None:
+            errors_mm.append(error_mm)
+        if not completed:
+            faults.append(f"at {result.steps * run.period_s:.1f} s {result.fault or 'a fall'}")
+    found = f"{ended} of {EPISODES} to the end in simulation"
+    if errors_mm:
+        found += f", {np.mean(errors_mm):.0f} mm off"
+    return [Check(f"rehearsal {run.name}", ended == EPISODES, "; ".join([found, *faults]))]
+
+
+def _rig(run: ActorRun, robot: Robot, settings: DeploySettings, *, randomize: bool) -> EpisodeRig:
+    clock, options = SimulatedClock(), load_sim_options("default")
+    backend = MujocoBackend(
+        robot,
+        clock,
+        replace(options, randomize=randomize),
+        control_period_s=run.period_s,
+        scene=run.scene,
+        gantry=False,
+    )
+    backend.open()
+    return EpisodeRig(robot, robot.kinematics, settings, backend, clock, run)

@@ -1,0 +1,107 @@
+"""What is checked and loaded before a training run simulates anything."""
+
+import os
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from core.errors import InputError
+from motion.clip import Clip, load_clip
+from motion.clip_set import NamedClip, open_clip_set
+from motion.library import open_motion
+from motion.reference import Reference, build_reference
+from motion.residual_wrench import demand_of, friction_needed
+from robot.robot import Robot, load_robot
+from train.checkpoint import Checkpoints
+from train.config import TrainConfig, check, with_budget
+from train.folder import CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE
+from train.lineage import Source, find_source
+from train.mdp.tracking import CONTROL_PERIOD_S
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is checked before any simulation."""
+
+    document: dict[str, Any]
+    config: TrainConfig
+    robot: Robot
+    clip: Clip
+    run_dir: Path
+    state: dict[str, Any] | None
+    clips: tuple[NamedClip, ...] = ()
+    source: Source | None = None
+
+    @property
+    def references(self) -> dict[str, Reference]:
+        """What is tracked, by name."""
+        clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)
+        return {clip.name: build_reference(clip.clip, self.robot, CONTROL_PERIOD_S) for clip in clips}
+
+    @cached_property
+    def friction_needed(self) -> float:
+        """The friction without which the ground cannot supply what the clips ask for."""
+        demands = (demand_of(self.robot, reference) for reference in self.references.values())
+        return max(float(friction_needed(demand).max()) for demand in demands)
+
+    @property
+    def followable(self) -> TrainConfig:
+        """The configuration, without friction below what the clips need."""
+        environment = self.config.environment
+        ranges = environment.randomization.with_friction_from(self.friction_needed)
+        return replace(self.config, environment=replace(environment, randomization=ranges))
+
+
+def new_setup(document: dict[str, Any]) -> Setup:
+    """Check everything of a new run. InputError for anything unusable."""
+    config = check(document)
+    robot = load_robot(config.robot)
+    clips = () if config.motions is None else open_clip_set(config.motions, robot)
+    clip = clips[0].clip if config.motion is None else open_motion(config.motion, robot)
+    if Path(config.robot).is_file():
+        document = {**document, "robot": str(Path(config.robot).resolve())}
+    run_dir = _new_run_dir(config)
+    document = {**document, "run_dir": str(run_dir)}
+    source = (
+        None if config.init_from is None else find_source(config.init_from, robot, config.environment.actor_group())
+    )
+    setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source)
+    _ = setup.references  # what is no reference is refused now
+    return setup
+
+
+def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:
+    """Read the newest checkpoint of a run. InputError where there is none or it does not fit."""
+    if not run_dir.is_dir():
+        raise InputError("no such run folder", where="resume", got=run_dir, expected="the folder of an earlier run")
+    state = Checkpoints(run_dir).load_newest()
+    document = with_budget(state["config"], budget_overrides)
+    config = check(document)
+    robot = load_robot(config.robot)
+    return Setup(
+        document, config, robot, load_clip(run_dir / CLIP_FILE), run_dir, state, stored_clips(config, run_dir, robot)
+    )
+
+
+def stored_clips(config: TrainConfig, run_dir: Path, robot: Robot) -> tuple[NamedClip, ...]:
+    """The clip set that a run keeps in its folder; empty where it tracks one clip."""
+    return () if config.motions is None else open_clip_set(run_dir / CLIPS_FOLDER, robot)
+
+
+def _new_run_dir(config: TrainConfig) -> Path:
+    if config.run_dir is None:
+        run_dir = Path("runs") / config.motion_name / time.strftime("%Y%m%d_%H%M%S")
+    else:
+        run_dir = Path(config.run_dir)
+    run_dir = run_dir.resolve()
+    existing = next(folder for folder in (run_dir, *run_dir.parents) if folder.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError("not a writable folder", where="run_dir", got=existing, expected="a place for the run's files")
+    if any((run_dir / name).exists() for name in (CONFIG_FILE, "checkpoints")):
+        raise InputError(
+            "holds a run already", where="run_dir", got=run_dir, expected="a new folder",
+            hint=f"resume={run_dir} goes on with it",
+        )  # fmt: skip
+    return run_dir
