@@ -17,6 +17,7 @@ from motion.read import read_clip
 from robot.robot import Robot
 
 Split = Literal["train", "test"]
+MANIFEST = "clips.yaml"  # of a folder of clips
 MANIFEST_ENDINGS = (".yaml", ".yml")
 CLIP_ENDINGS = (".npz", ".pkl", ".csv")
 
@@ -75,13 +76,16 @@ def open_clips(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
 
 
 def open_clip_set(folder_or_manifest: str | Path, robot: Robot, split: Split = "train") -> tuple[NamedClip, ...]:
-    """The clips of ``split`` in a manifest, or all of a folder; in the order of their names.
+    """The clips of ``split`` in a manifest, in a folder's manifest ``clips.yaml``, or all of a folder without one; in
+    the order of their names.
 
     Raises:
         InputError: naming file and field: no such folder or manifest, no clip in it, two of the same name, a clip that
             is none of the robot's, a file that is not the one that the manifest means.
     """
     path = Path(folder_or_manifest)
+    if (path / MANIFEST).is_file():
+        path = path / MANIFEST
     if path.is_dir():
         return _of_folder(path, robot)
     if path.suffix not in MANIFEST_ENDINGS:

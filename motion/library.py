@@ -10,7 +10,7 @@ from motion.read import read_clip
 from robot.robot import Robot
 
 CLIPS = Path(__file__).resolve().parent / "clips"
-_ENDINGS = (".npz", ".pkl", ".csv", ".bvh", ".pt")
+ENDINGS = (".npz", ".pkl", ".csv", ".bvh", ".pt")
 
 
 def bundled_names() -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def _find(name_or_file: str | Path) -> Path:
         return CLIPS / f"{text}.npz"
     if not text or "\0" in text:
         raise InputError("no motion given", got=repr(text), expected=f"one of {_bundled_list()}, or a file: {FORMATS}")
-    if path.suffix not in _ENDINGS and path.name == text and not path.exists():
+    if path.suffix not in ENDINGS and path.name == text and not path.exists():
         raise InputError("no such clip", where=text, expected=f"one of {_bundled_list()}, or a file: {FORMATS}")
     return path
 

@@ -21,8 +21,8 @@ from motion.report.record import CREATED_BY, Record
 from motion.resample import resample
 from motion.retarget.clean import Change, clean_robot_motion, largest_change
 from motion.retarget.retarget import retarget
-from motion.retarget.settings import RetargetSettings, load_settings
-from motion.settings import read_section
+from motion.retarget.settings import SETTINGS, RetargetSettings, load_settings
+from motion.settings import PROCESS, read_section
 from robot.robot import Robot, load_robot
 from world.scene import FLAT
 
@@ -50,6 +50,11 @@ class ProcessRequest:
         """How to process, as far as given, as plain values; of files their names without folders."""
         given = {field.name: getattr(self, field.name) for field in fields(self)[3:]}
         return {key: value.name if isinstance(value, Path) else value for key, value in given.items() if value}
+
+    def settings_sha256(self) -> str:
+        """Of the files with the settings of all steps."""
+        files = (PROCESS, SETTINGS / f"{load_robot(self.robot).name}.yaml")
+        return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,7 @@ def process(request: ProcessRequest, say: Say) -> Record:
         file=request.file.name,
         sha256=sha256,
         options=request.options(),
+        settings_sha256=request.settings_sha256(),
         notes=notes_of(before),
         before=before,
         input_verdict=verdict,

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from core.errors import InputError
 from motion.report.record import CREATED_BY
@@ -61,17 +62,21 @@ def write_folder(folder: Path, files: Mapping[str, bytes], *, makes_parent: bool
 
 def _made_here(folder: Path, held: set[str]) -> bool:
     """Whether it is a result of motion/process, with no file of anybody else's."""
-    report = folder / REPORT_JSON
     others = held - {REPORT_JSON, REPORT_HTML}
-    if len(others) > 1 or any(Path(name).suffix != ".npz" for name in others) or not report.is_file():
+    if len(others) > 1 or any(Path(name).suffix != ".npz" for name in others):
         return False
-    if report.stat().st_size > MAX_REPORT_BYTES:
-        return False
+    return read_report(folder / REPORT_JSON) is not None
+
+
+def read_report(path: Path) -> dict[str, Any] | None:
+    """The content of a report.json that motion/process wrote; None where there is none."""
     try:
-        content = json.loads(report.read_text(encoding="utf-8"))
+        if path.stat().st_size > MAX_REPORT_BYTES:
+            return None
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(content, dict) and content.get("created_by") == CREATED_BY
+        return None
+    return content if isinstance(content, dict) and content.get("created_by") == CREATED_BY else None
 
 
 def _umask() -> int:

@@ -2,12 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from core.arguments import ArgumentParser, number_argument, path_argument, positive_argument, positive_count_argument
 from core.errors import InputError
 from core.processes import available_cores
+from motion.cli.dataset import done_already, files_in, write_manifest
 from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
 from motion.cli.guard import NOT_TRACKABLE_CODE, guarded
 from motion.cli.parallel import run_all
@@ -23,11 +24,13 @@ DEFAULT_FOLDER = Path("motions")
 
 @dataclass(frozen=True)
 class Job:
-    """One input, and the folder that receives what becomes of it; whether the folder around that is made as well."""
+    """One input, and the folder that receives what becomes of it; whether the folder around that is made as well, and
+    whether an earlier result of the same is kept."""
 
     request: ProcessRequest
     folder: Path
     makes_parent: bool
+    keeps: bool = False
 
 
 def build_parser() -> ArgumentParser:
@@ -40,8 +43,9 @@ def build_parser() -> ArgumentParser:
     )
     add = parser.add_argument
     kinds = "AMASS .npz, GVHMR .pt, BVH, PBHC .pkl, CSV of 29 or 23 joints, mjlab .npz, kata clip"
-    add("--input", type=path_argument, action="extend", nargs="+", required=True, metavar="FILE",
-        help=f"one or several of {kinds}; told by their content")  # fmt: skip
+    add("--input", type=path_argument, action="extend", nargs="+", required=True, metavar="FILE|FOLDER",
+        help=f"one or several of {kinds}; told by their content; or a folder of them")  # fmt: skip
+    add("--licence", metavar="TEXT", help="of a folder's motions, kept in its manifest")
     add("--name", metavar="N", help="of the clip (default: the file's)")
     add("--robot", default="g1_23dof", metavar="NAME|FILE", help="who is to follow it (default g1_23dof)")
     add("--fps", type=positive_argument, metavar="F", help="frame rate of the file, also against what it says")
@@ -66,13 +70,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     options = build_parser().parse_args(arguments)
-    jobs = jobs_of(options)
-    return max(run_all(_work, jobs, min(options.jobs or available_cores(), len(jobs))))
+    folders = [path for path in options.input if path.is_dir()]
+    if folders:
+        return _process_folder(options, folders)
+    if options.licence is not None:
+        raise InputError("no manifest to write it into", where="--licence", expected="a folder as --input")
+    jobs = jobs_of(options, [(path, options.name or path.stem) for path in options.input])
+    return max(run_all(_work, jobs, _workers(options, jobs)))
 
 
-def jobs_of(options: argparse.Namespace) -> list[Job]:
-    """One job an input. Raises InputError on options that contradict each other."""
-    names = [checked_name(options.name or path.stem) for path in options.input]
+def _process_folder(options: argparse.Namespace, folders: Sequence[Path]) -> int:
+    """All files of one folder, but for those that are done, and the manifest of what can be followed."""
+    if len(options.input) > 1 or options.name is not None:
+        raise InputError("a folder with other inputs, or a name", where="--input", expected="one folder, no --name")
+    output = options.output or DEFAULT_FOLDER
+    if output.resolve().is_relative_to(folders[0].resolve()):
+        raise InputError("results among the inputs", where="--output", got=output, expected="a folder outside --input")
+    jobs = [replace(job, keeps=True) for job in jobs_of(options, files_in(folders[0]))]
+    codes = run_all(_work, jobs, _workers(options, jobs))
+    manifest, number = write_manifest(output, [job.request.name for job in jobs], options.licence or "")
+    print(f"{manifest}: {number} of {len(jobs)} clips are trackable")
+    return max(codes)
+
+
+def _workers(options: argparse.Namespace, jobs: Sequence[Job]) -> int:
+    return min(options.jobs or available_cores(), len(jobs))
+
+
+def jobs_of(options: argparse.Namespace, inputs: Sequence[tuple[Path, str]]) -> list[Job]:
+    """One job an input with its name. Raises InputError on options that contradict each other."""
+    names = [checked_name(name) for _, name in inputs]
     if options.name is not None and len(names) > 1:
         raise InputError("one name for several inputs", where="--name", got=options.name, expected="no --name")
     if repeated := sorted({name for name in names if names.count(name) > 1}):
@@ -81,11 +108,11 @@ def jobs_of(options: argparse.Namespace) -> list[Job]:
     start_s = options.start or 0.0
     if options.end is not None and options.end <= start_s:
         raise InputError("nothing is left", where="--end", got=options.end, expected=f"more than {start_s:g} s")
-    one_folder = options.output is not None and len(names) == 1
+    one_folder = options.output is not None and len(names) == 1 and not options.input[0].is_dir()
     parent = options.output or DEFAULT_FOLDER
     return [
         Job(_request(options, path, name), parent if one_folder else parent / name, makes_parent=not one_folder)
-        for path, name in zip(options.input, names, strict=True)
+        for (path, _), name in zip(inputs, names, strict=True)
     ]
 
 
@@ -125,6 +152,10 @@ def _process(job: Job) -> int:
         print(f"{name}: {text}", flush=True)
 
     check_folder(job.folder, makes_parent=job.makes_parent)
+    verdict = done_already(job.request, job.folder) if job.keeps else None
+    if verdict is not None:
+        say(f"{verdict}, done already")
+        return 0 if verdict == TRACKABLE else NOT_TRACKABLE_CODE
     record = process(job.request, say)
     say("report")
     files = {} if record.clip is None else {f"{name}.npz": clip_to_bytes(record.clip)}

@@ -30,7 +30,7 @@ class Record:
     Attributes:
         name: of the clip.
         file: name of the input, without its folder; sha256: of its bytes.
-        options: how it was processed, plain values.
+        options: how it was processed, plain values; settings_sha256: of the files with the settings.
         notes: what was assumed or detected on the way.
         before: the motion as it was read, cut to the wanted span; its verdict: input_verdict.
         after: the same span on the robot; change: how far that is from a robot's motion as read, None for a person's.
@@ -43,6 +43,7 @@ class Record:
     file: str
     sha256: str
     options: Mapping[str, Any]
+    settings_sha256: str
     notes: tuple[str, ...]
     before: HumanMotion | Clip
     input_verdict: Verdict
@@ -105,6 +106,7 @@ def document(record: Record) -> dict[str, Any]:
         "clip": _clip_facts(record.clip),
         "robot": record.robot.name,
         "options": dict(record.options),
+        "settings_sha256": record.settings_sha256,
         "created_by": CREATED_BY,
     }
 

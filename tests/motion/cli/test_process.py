@@ -2,13 +2,17 @@
 
 import hashlib
 import json
+import shutil
 
 import numpy as np
 import pytest
 
+from motion import pipeline
 from motion.cli.process import main
 from motion.clip import load_clip, save_clip
+from motion.clip_set import open_clip_set
 from motion.report.record import CREATED_BY
+from robot.robot import load_robot
 
 
 @pytest.fixture(autouse=True)
@@ -131,3 +135,66 @@ def test_contradicting_options(options, message, capsys, tmp_path):
     assert main(options) == 2
     assert message in capsys.readouterr().err
     assert held(tmp_path) == []
+
+
+@pytest.fixture
+def recordings(standing_clip, tmp_path):
+    """A folder with two motions that can be followed, in two folders, and one that cannot."""
+    (tmp_path / "all" / "deep").mkdir(parents=True)
+    for name, clip in (("a", standing_clip()), ("deep/a", standing_clip(70)), ("deep/high", floating(standing_clip))):
+        save_clip(clip, tmp_path / "all" / f"{name}.npz")
+    (tmp_path / "all" / "notes.txt").write_text("not a motion")
+    return tmp_path / "all"
+
+
+def test_a_folder_becomes_a_clip_set(recordings, tmp_path, no_page, capsys):
+    assert main(["--input", "all", "--output", "set", "--licence", "CC BY 4.0, someone", "--jobs", "1"]) == 1
+    assert "set/clips.yaml: 2 of 3 clips are trackable" in capsys.readouterr().out
+    names = [(named.name, named.clip.license) for named in open_clip_set(tmp_path / "set", load_robot())]
+    assert names == [("a", "CC BY 4.0, someone"), ("deep_a", "CC BY 4.0, someone")]
+
+
+def test_a_folder_that_was_left_half_done_goes_on(recordings, tmp_path, no_page, monkeypatch, capsys):
+    done = []
+    monkeypatch.setattr(
+        "motion.cli.process.process", lambda request, say: done.append(request.name) or pipeline.process(request, say)
+    )
+    monkeypatch.setattr("motion.cli.process.run_all", lambda work, jobs, workers: [work(job) for job in jobs])
+    assert main(["--input", "all", "--output", "set"]) == 1
+    assert done == ["a", "deep_a", "deep_high"]
+    before = (tmp_path / "set" / "clips.yaml").read_bytes()
+    shutil.rmtree(tmp_path / "set" / "deep_a")
+    save_clip(load_clip(recordings / "deep" / "a.npz"), recordings / "a.npz")  # another file now
+    done.clear()
+    capsys.readouterr()
+    assert main(["--input", "all", "--output", "set"]) == 1
+    assert done == ["a", "deep_a"]
+    assert "deep_high: not trackable, done already" in capsys.readouterr().out
+    assert (tmp_path / "set" / "clips.yaml").read_bytes() != before  # the clip of a is another one
+    done.clear()
+    assert main(["--input", "all", "--output", "set", "--mirror"]) == 1
+    assert done == ["a", "deep_a", "deep_high"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--input", "all", "--output", "all/set"], "results among the inputs"),
+        (["--input", "all", "all/a.npz"], "a folder with other inputs, or a name"),
+        (["--input", "all", "--name", "x"], "a folder with other inputs, or a name"),
+        (["--input", "empty"], "no motion file"),
+        (["--input", "all/a.npz", "--licence", "mine"], "no manifest to write it into"),
+    ],
+)
+def test_folders_that_are_no_use_are_refused(recordings, tmp_path, options, said, capsys):
+    (tmp_path / "empty").mkdir()
+    before = held(tmp_path)
+    assert main(options) == 2
+    assert said in capsys.readouterr().err and held(tmp_path) == before
+
+
+def test_a_folder_without_a_trackable_motion_has_no_manifest(standing_clip, tmp_path, no_page, capsys):
+    (tmp_path / "all").mkdir()
+    save_clip(floating(standing_clip), tmp_path / "all" / "high.npz")
+    assert main(["--input", "all", "--output", "set"]) == 2
+    assert "no clip is trackable" in capsys.readouterr().err and not (tmp_path / "set" / "clips.yaml").exists()

@@ -21,6 +21,7 @@ def record_of(robot: Robot) -> Callable[..., Record]:
             "file": "walk.csv",
             "sha256": "ab" * 32,
             "options": {"loop": True},
+            "settings_sha256": "cd" * 32,
             "notes": ("assumed so",),
             "before": motion,
             "input_verdict": verdict_of(motion.num_frames),

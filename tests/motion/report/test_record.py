@@ -15,7 +15,7 @@ KEYS = {
     "verdict", "reasons", "penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames",
     "limit_violations", "speed_violations", "self_collisions", "residual_torque_nm", "residual_force_n",
     "residual_at_s", "largest_change", "failing_frames", "rules", "notes", "input", "clip",
-    "robot", "options", "created_by",
+    "robot", "options", "settings_sha256", "created_by",
 }  # fmt: skip
 
 
