@@ -69,8 +69,10 @@ class TrainConfig:
         return Path(str(self.motion or self.motions)).stem
 
     def __post_init__(self) -> None:
-        if self.motions is not None and self.prior.kind != "none":
-            raise InputError("is made for one clip", where="prior.kind", got=self.prior.kind, expected="none")
+        if self.motions is not None and self.prior.kind not in ("none", "observed"):
+            raise InputError("is made for one clip", where="prior.kind", got=self.prior.kind, expected="none, observed")
+        if self.prior.kind == "observed":
+            Layout(self.environment.actor_group(), 1)
         within("seed", self.seed, 0, MAX_SEED)
         for name in ("num_envs", "checkpoint_every", "threads"):
             at_least(name, getattr(self, name), 1)

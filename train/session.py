@@ -31,7 +31,7 @@ from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 from train.nan_guard import replay
-from train.priors.build import prior_of
+from train.priors.build import observed_targets, prior_of
 from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import TrainingReport, story
@@ -85,6 +85,8 @@ def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> L
     if setup.config.world_model is not None:
         assert isinstance(env, TrackingEnv)
         return build_world_model_learner(setup.followable, env, setup.robot)
+    if setup.config.prior.kind == "observed":
+        return build_learner(setup.followable, env, *observed_targets(setup.config, setup.robot))
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
     for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
         progress.say(line)

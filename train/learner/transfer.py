@@ -9,8 +9,9 @@ from core.errors import InputError
 
 
 def trained_weights(network: nn.Module) -> dict[str, Tensor]:
-    """What training changes in a network, by name; no copies. What a prior computed for its own clip is not in it."""
-    return {name: parameter.data for name, parameter in network.named_parameters() if parameter.requires_grad}
+    """What training changes in a network, and what its inputs are normalised by; no copies. What a prior computed for
+    its own clip is not in it."""
+    return {name: value for name, value in network.state_dict().items() if not name.startswith("prior.")}
 
 
 def misfits(own: Mapping[str, Tensor], others: Mapping[str, Tensor]) -> list[str]:

@@ -3,12 +3,27 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import torch
+
 from motion.reference import Reference
 from robot.robot import Robot
 from train.config import TrainConfig
 from train.mdp.tracking import ACTION_SCALE
 from train.priors.fitting import fit_estimate
 from train.priors.module import ModelPrior, build_prior
+from train.world_model.policy import BoundedResidual, CarryingTargets, Layout
+
+RESIDUAL_STREAM = 105
+
+
+def observed_targets(config: TrainConfig, robot: Robot) -> tuple[CarryingTargets, BoundedResidual]:
+    """Prior and residual of an actor that sees the targets which carry its reference: those of a world model's policy,
+    so that PPO goes on with its weights."""
+    layout = Layout(config.environment.actor_group(), robot.num_joints)
+    generator = torch.Generator().manual_seed(1000 * config.seed + RESIDUAL_STREAM)
+    hidden = config.learner.actor_hidden
+    residual = BoundedResidual(robot, layout, hidden, ACTION_SCALE, generator, config.precision)
+    return CarryingTargets(layout, ACTION_SCALE), residual
 
 
 def prior_of(

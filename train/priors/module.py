@@ -28,7 +28,8 @@ from world.model import compile_model
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward`` or ``none``.
+    """``kind``: ``lqr`` (feed-forward and feedback), ``feedforward``, ``observed`` (the feed-forward targets that the
+    actor sees, with a bounded residual; of any clip) or ``none``.
 
     ``aim``: what the feedback holds the robot to, the ``reference`` or the nearest ``feasible`` motion.
     ``estimate``: how the deviation is estimated, by averages alone or with a correction fitted to rollouts.
@@ -38,7 +39,7 @@ class PriorSettings:
     Cheap targets (``costs``) track best without sensor noise and shake with it.
     """
 
-    kind: Literal["lqr", "feedforward", "none"] = "lqr"
+    kind: Literal["lqr", "feedforward", "observed", "none"] = "lqr"
     aim: Literal["feasible", "reference"] = "reference"
     estimate: Literal["averaged", "fitted"] = "averaged"
     features: bool = False

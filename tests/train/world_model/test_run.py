@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import torch
 
@@ -19,11 +20,9 @@ from train.command import execute
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The run folder of a tracker of two clips."""
+    """The run folder of a tracker."""
     folder = tmp_path_factory.mktemp("tracker")
-    manifest = folder / "clips.yaml"
     execute(["motion=side_kick", *SMALL[1:], "iterations=15", "evaluate_every=null", f"run_dir={folder / 'run'}"])
-    del manifest
     return folder / "run"
 
 
@@ -82,3 +81,34 @@ def test_clips_of_a_manifest_are_trained_together(tmp_path):
     ])  # fmt: skip
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert {"clip/side_kick/survival", "clip/stand/survival"} <= rows[-1].keys()
+
+
+MILE = [
+    "motion=side_kick", "train=last_mile", "precision=fp32", "threads=1", "num_envs=8", "evaluate_every=null",
+    "learner.actor_hidden=[32,32]", "learner.critic_hidden=[16,16]", "learner.exploration.steps=4",
+    "learner.horizon=4", "learner.minibatches=1",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("source", ["", "actor.onnx"])
+def test_ppo_goes_on_with_a_trackers_policy(trained, tmp_path, source):
+    """While only the critic learns the actor is the tracker's to the last bit; then it moves."""
+    start = f"init_from={trained / source}"
+    observations = np.random.default_rng(0).normal(size=(5, _width(trained / "actor.onnx"))).astype(np.float32)
+    wanted = _actions(trained / "actor.onnx", observations)
+    execute([*MILE, "iterations=2", start, f"run_dir={tmp_path / 'waits'}"])
+    assert np.array_equal(_actions(tmp_path / "waits" / "actor.onnx", observations), wanted)
+    execute([*MILE, "iterations=2", start, f"run_dir={tmp_path / 'moves'}", "learner.critic_first=0"])
+    moved = np.abs(_actions(tmp_path / "moves" / "actor.onnx", observations) - wanted)
+    assert 0.0 < moved.max() < 1.0
+    lineage = json.loads((tmp_path / "moves" / "summary.json").read_text())["lineage"]
+    assert lineage["networks"] == ["actor"]
+
+
+def _width(path):
+    return onnxruntime.InferenceSession(str(path)).get_inputs()[0].shape[1]
+
+
+def _actions(path, observations):
+    session = onnxruntime.InferenceSession(str(path))
+    return session.run(["action"], {session.get_inputs()[0].name: observations})[0]
