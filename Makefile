@@ -4,8 +4,6 @@ VENV := $(CURDIR)/.venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 RUN := PATH="$(BIN):$$PATH"
-REAL_TIME := tests/hal tests/deploy
-SIMULATED := tests $(addprefix --ignore ,$(REAL_TIME))
 CODE := core robot world view motion policy hal deploy sim2sim train benchmarks
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-wires lint bench train
@@ -23,8 +21,8 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 
 # What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 test: install lint  ## linters, types, import rules, tests
-	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(SIMULATED)
-	$(RUN) pytest -rRs $(REAL_TIME)
+	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m "not real_time"
+	$(RUN) pytest -rRs -m real_time
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
 	$(RUN) pytest -rRs tests/hal/conformance --all-wires

@@ -2,14 +2,12 @@
 
 import time
 from collections.abc import Generator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hal.host_watch import HostWatch
 
-KEEP_TIME = tuple(Path(__file__).parent / room for room in ("hal", "deploy"))
 TRIES = 5
 # Tests that may end without a verdict, the host having paused in each of their tries; more of them are failures,
 # and all of them with --all-wires.
@@ -58,7 +56,7 @@ class TryAgain:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    keeping_time = [item for item in items if any(item.path.is_relative_to(room) for room in KEEP_TIME)]
+    keeping_time = [item for item in items if item.get_closest_marker("real_time")]
     if not keeping_time or config.option.collectonly:
         return
     host = HostWatch()

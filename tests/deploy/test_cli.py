@@ -16,6 +16,8 @@ from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, write_linear_actor, write_standing_actor
 
+pytestmark = pytest.mark.real_time
+
 RUN = Path(__file__).resolve().parents[2] / "deploy" / "run"
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1"}
 

@@ -10,6 +10,8 @@ import pytest
 from hal.host_watch import HostWatch
 from tests.conftest import TryAgain
 
+pytestmark = pytest.mark.real_time
+
 PAUSE_S = 0.1
 
 

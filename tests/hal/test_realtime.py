@@ -8,6 +8,8 @@ import pytest
 
 from hal.realtime import no_garbage_collection, realtime, schedule
 
+pytestmark = pytest.mark.real_time
+
 
 def test_scheduling_and_cores_are_as_before_also_after_an_error():
     before = (os.sched_getscheduler(0), os.sched_getaffinity(0))

@@ -7,6 +7,8 @@ import pytest
 from core.clock import MonotonicClock, SimulatedClock
 from hal.contract.dead_man import DeadMan
 
+pytestmark = pytest.mark.real_time
+
 
 def test_simulated_time_passes_only_by_sleeping() -> None:
     clock = SimulatedClock(5.0)

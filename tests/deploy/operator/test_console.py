@@ -10,6 +10,8 @@ from deploy.control.timing import PhaseTimer
 from deploy.operator.console import Console
 from tests.deploy.toys import SpokenAtOnce
 
+pytestmark = pytest.mark.real_time
+
 JOINTS = ("hip", "knee", "ankle", "waist", "elbow")
 
 

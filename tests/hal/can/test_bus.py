@@ -13,6 +13,8 @@ from hal.can.setup import bring_back, commanded_by_others, prepare, switch_off, 
 from hal.contract.types import DeviceError, DeviceFault
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, index, motor, robot_file
 
+pytestmark = pytest.mark.real_time
+
 MIXED = (
     motor(HIP, 1),
     motor(

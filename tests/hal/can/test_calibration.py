@@ -22,6 +22,8 @@ from hal.contract.types import DeviceError
 from hal.emulator.can_bus import BusLine
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, index, motor, robot_file, served
 
+pytestmark = pytest.mark.real_time
+
 YAML = """robot: g1_23dof
 rate_hz: 200
 watchdog_s: 2.0

@@ -21,6 +21,8 @@ from hal.wire import lock
 from hal.wire.lock import WireLock
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, motor, robot_file, served
 
+pytestmark = pytest.mark.real_time
+
 MOTORS = (
     motor(HIP, 1),
     motor(KNEE, 2, codec="robstride", model="RS04"),

@@ -11,6 +11,8 @@ import pytest
 
 from hal.can.socketcand import SocketcandBus
 
+pytestmark = pytest.mark.real_time
+
 GREETING = (b"< hi >", b"< ok >", b"< ok >")
 
 

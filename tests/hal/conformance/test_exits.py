@@ -16,6 +16,8 @@ from hal.open import WIRES
 from tests.hal.conformance.rigs import Emulators, wait_until
 from tests.hal.rigs import PERIOD_S
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).resolve().parents[3]
 ATTEMPTS = 2
 

@@ -23,6 +23,8 @@ from tests.deploy.toys import SETTINGS, write_linear_actor
 from tests.hal.conformance.rigs import Emulators, ready
 from tests.hal.rigs import G1, hold
 
+pytestmark = pytest.mark.real_time
+
 PERIOD_S = 0.05
 LINK_TIMEOUT_S = 5 * PERIOD_S
 SETTLE_S = 1.0

@@ -28,6 +28,8 @@ from tests.hal.conformance.rigs import Emulators, ready
 from tests.hal.rigs import G1
 from tests.hal.wire.fake import fake_backend, read_journal
 
+pytestmark = pytest.mark.real_time
+
 PERIOD_S = 0.05
 STOOD_S = 0.5
 # The ramp takes a second: its second command, the first with any stiffness, has 5 % of it.

@@ -13,6 +13,8 @@ from tests.hal.conformance.rigs import Emulators, Rig, make_rig, ready, rig_name
 from tests.hal.rigs import PERIOD_S, hold, pass_time, run
 from world.actuation import JointCommand
 
+pytestmark = pytest.mark.real_time
+
 # What a device's own scaling of a torque may add to a bound.
 SCALING_NM = 0.5
 

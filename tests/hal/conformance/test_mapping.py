@@ -21,6 +21,8 @@ from tests.hal.conformance.geometry import SERVOS, built_otherwise
 from tests.hal.conformance.rigs import Emulators, Rig, make_wire, ready, wait_until
 from tests.hal.rigs import G1, PERIOD_S, hold, run
 
+pytestmark = pytest.mark.real_time
+
 # Slow against the age of a state on a busy machine.
 RAMP_STEP_S, STILL_RAD_S = 0.05, 0.1
 PER_JOINT = ("default_pos_rad", "kp", "kd", "damping_kd", "pos_lower_rad", "pos_upper_rad", "vel_limit_rad_s")

@@ -29,6 +29,8 @@ from tests.deploy.toys import SETTINGS, write_linear_actor
 from tests.hal.conformance.rigs import Emulators, ready
 from tests.hal.rigs import G1, hold
 
+pytestmark = pytest.mark.real_time
+
 PERIOD_S = 0.05
 SETTLE_S, STALLED_S, DAMP_AFTER_S = 0.5, 1.0, 0.5
 LATE_S = 0.5

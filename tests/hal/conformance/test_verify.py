@@ -15,6 +15,8 @@ from tests.hal.conformance.rigs import Emulators
 from tests.hal.rigs import G1
 from tests.hal.verification.rig import Watcher
 
+pytestmark = pytest.mark.real_time
+
 LIFT_M = 0.12
 
 

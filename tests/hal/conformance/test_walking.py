@@ -15,6 +15,8 @@ from hal.emulator.checks import ROUNDING_NM, TORQUE_SLACK
 from hal.open import WIRES
 from tests.hal.rigs import G1
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).resolve().parents[3]
 LIMIT_S = 240.0
 ATTEMPTS = 3

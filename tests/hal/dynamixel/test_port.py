@@ -14,6 +14,8 @@ from hal.dynamixel.port import ServoPort, Silent, latency_timer_ms
 from hal.dynamixel.protocol2 import Answer, Packet
 from hal.dynamixel.questions import Heard, StateQuestions
 
+pytestmark = pytest.mark.real_time
+
 LONG_S = 5.0
 SHORT_S = 0.4
 

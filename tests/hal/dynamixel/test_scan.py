@@ -12,6 +12,8 @@ from hal.dynamixel.scan import main, scan
 from hal.wire.lock import WireLock, wire_name
 from tests.hal.dynamixel.rigs import Bench
 
+pytestmark = pytest.mark.real_time
+
 
 def test_lists_the_servos_and_lets_go_of_them(capsys: pytest.CaptureFixture[str]) -> None:
     with Bench() as bench:

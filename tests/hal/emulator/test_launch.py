@@ -14,6 +14,8 @@ from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
 from hal.emulator.launch import launch_emulator, start_emulator
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).resolve().parents[3]
 WIRELESS = """
 import sys

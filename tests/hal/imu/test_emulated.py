@@ -16,6 +16,8 @@ from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader, ImuReading
 from world.plant import Measurement
 
+pytestmark = pytest.mark.real_time
+
 LEAN = np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0])  # 0.4 rad forward, about y
 
 

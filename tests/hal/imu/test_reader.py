@@ -16,6 +16,8 @@ from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader
 from hal.imu.sample import ImuSample, Mounting
 
+pytestmark = pytest.mark.real_time
+
 UPRIGHT = ImuSample((1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 9.80665))
 
 

@@ -15,6 +15,8 @@ from hal.wire.pace import PaceTrial
 from tests.hal.conformance.rigs import Emulators, emulators, make_wire, ready, wait_until
 from world.actuation import JointCommand
 
+pytestmark = pytest.mark.real_time
+
 PERIOD_S = 0.02
 
 

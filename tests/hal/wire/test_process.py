@@ -15,6 +15,8 @@ from hal.contract.types import DeviceError, DeviceFault, LinkLost
 from tests.hal.rigs import G1, PERIOD_S, hold
 from tests.hal.wire.fake import CYCLE_S, FakeFactory, fake_backend, read_journal
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).resolve().parents[3]
 DEADLINE_S = 3 * PERIOD_S + CYCLE_S
 # A busy machine may delay the wire process's own thread; the rule itself is exact and tested in test_outbox.

@@ -10,6 +10,8 @@ import pytest
 from tests.hal.wire.fake import fake_backend
 from tests.hal.wire.test_process import drive, events, ready
 
+pytestmark = pytest.mark.real_time
+
 
 @contextmanager
 def full_pipe():

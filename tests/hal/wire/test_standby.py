@@ -13,6 +13,8 @@ from tests.hal.rigs import G1
 from tests.hal.wire.fake import fake_backend
 from tests.hal.wire.test_process import GRACE_S, drive, events, first_after, ready, start_loop, wait_until
 
+pytestmark = pytest.mark.real_time
+
 DAMPED_S = 0.2
 
 
