@@ -22,6 +22,7 @@ from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
 from train.mdp.draws import rand
+from train.mdp.sensing import Senses, senses_of
 from train.mdp.state import EnvState
 from train.simulation.simulator import PhysicsState
 
@@ -79,6 +80,7 @@ class Observations:
     def sample(
         self,
         physics: PhysicsState,
+        senses: Senses | None,
         last_action: torch.Tensor,
         phase: torch.Tensor,
         window: ReferenceWindow | None,
@@ -88,23 +90,30 @@ class Observations:
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the noisy actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
 
-        ``window``: the reference at :attr:`window_ticks`. The noise is drawn from ``generator``.
+        ``senses``: what the robots' sensors make of ``physics``, None where they are exact. ``window``: the reference
+        at :attr:`window_ticks`. The noise is drawn from ``generator``.
         """
+        exact = self._terms_of(senses_of(physics), last_action, phase, window)
+        measured = exact if senses is None else self._terms_of(senses, last_action, phase, window)
+        noise = (2.0 * rand(exact.shape, generator, self._device) - 1.0) * (self._noise * noise_scale)
+        lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
+        actor = torch.clamp(measured + noise, -self._clip, self._clip)
+        return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
+
+    def _terms_of(
+        self, senses: Senses, last_action: torch.Tensor, phase: torch.Tensor, window: ReferenceWindow | None
+    ) -> torch.Tensor:
         terms = ObservationInput(
-            base_quat_wxyz=physics.root_quat_wxyz,
-            base_ang_vel_b=physics.root_ang_vel_b,
-            joint_pos_rad=physics.joint_pos_rad,
-            joint_vel_rad_s=physics.joint_vel_rad_s,
+            base_quat_wxyz=senses.root_quat_wxyz,
+            base_ang_vel_b=senses.root_ang_vel_b,
+            joint_pos_rad=senses.joint_pos_rad,
+            joint_vel_rad_s=senses.joint_vel_rad_s,
             last_action=last_action,
             phase=phase[:, None] if phase.dim() == 1 else phase,
             default_pos_rad=self._default,
             reference=window,
         )
-        exact = sample_terms(self._terms, terms).float()
-        noise = (2.0 * rand(exact.shape, generator, self._device) - 1.0) * (self._noise * noise_scale)
-        lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
-        actor = torch.clamp(exact + noise, -self._clip, self._clip)
-        return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
+        return sample_terms(self._terms, terms).float()
 
     def ahead(self, history: torch.Tensor) -> torch.Tensor:
         """The terms that look ahead on the reference (n, A), now, of the actor's ``history`` (n, L, W)."""

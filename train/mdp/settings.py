@@ -13,6 +13,7 @@ from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
 from train.mdp.events import EventTerm
 from train.mdp.rewards import DIRECT, TRACKING
+from train.mdp.sensing import SensingSettings
 from train.mdp.terminations import TERMINATIONS
 from train.simulation.domain import DomainRanges
 from train.simulation.model import SimulationSettings
@@ -185,6 +186,7 @@ class EnvironmentSettings:
     termination: TerminationSettings = field(default_factory=TerminationSettings)
     randomization: DomainRanges = field(default_factory=DomainRanges)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    sensing: SensingSettings = field(default_factory=SensingSettings)
 
     def __post_init__(self) -> None:
         for name, term in self.rewards.items():

@@ -6,6 +6,7 @@ import torch
 
 from train.batch import Batch
 from train.mdp.anchor import Place
+from train.mdp.sensing import Senses, Sensing
 from train.mdp.tick import Bodies, ReferenceRows
 from train.simulation.simulator import PhysicsState
 
@@ -29,6 +30,8 @@ class EnvState(Batch):
         event_wait_s: (B, E) until each event.
         place: where the references have been moved to.
         physics, bodies: the robots now.
+        sensing: how their sensors are off.
+        sensed_before: what exact sensors would have measured a step ago.
         target: what the next step is compared with.
     """
 
@@ -49,3 +52,5 @@ class EnvState(Batch):
     physics: PhysicsState
     bodies: Bodies
     target: ReferenceRows
+    sensing: Sensing
+    sensed_before: Senses

@@ -20,6 +20,7 @@ from train.mdp.events import Events
 from train.mdp.observations import Observations
 from train.mdp.physics import Physics
 from train.mdp.reward_sum import RewardSum
+from train.mdp.sensing import Sensing, Sensors, senses_of
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.state import EnvState
 from train.mdp.terminations import TERMINATIONS
@@ -66,6 +67,7 @@ class TrackingEnv:
         self._physics = Physics(simulator, robot, device)
         self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
         self.observations = Observations(robot, s.actor_group(), s.observation_noise, device)
+        self._sensors = Sensors(s.sensing, CONTROL_PERIOD_S, episodes)
         self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
         self.rewards = RewardSum(
             s.rewards, sigma_alpha=s.sigma_alpha, adaptive=s.adaptive_sigma, step_max=s.penalty_step_max,
@@ -104,6 +106,8 @@ class TrackingEnv:
             physics=physics,
             bodies=bodies,
             target=self.command.table.rows(clip, tick + 1),
+            sensing=Sensing.none(envs, self.num_actions, device),
+            sensed_before=senses_of(physics).clone(),
         )
 
     @property
@@ -125,8 +129,7 @@ class TrackingEnv:
         """Advance by one control period with raw actions (B, J). NonFiniteError if the physics of many diverges."""
         state = self.state
         self.disturbed = self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
-        targets = decode_action(action, self.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
-        self._physics.step(targets)
+        self._physics.step(self.targets_of(action))
         state.tick += 1
         state.episode_steps += 1
         t = self._after_physics(action)
@@ -140,6 +143,11 @@ class TrackingEnv:
         final_critic_obs = self.critic.view(state, timed_out.nonzero()[:, 0])
         self._reset(ended.nonzero()[:, 0])
         return StepResult(self._observe(), rewards, t.terminated, timed_out, final_critic_obs, log)
+
+    def targets_of(self, action: torch.Tensor) -> torch.Tensor:
+        """True joint positions (B, J), rad, that motors hold for raw actions: by encoders that may be off."""
+        targets = decode_action(action, self.limits.default_pos_rad, ACTION_SCALE, ACTION_CLIP)
+        return targets - self.state.sensing.encoder_offset_rad
 
     def _after_physics(self, action: torch.Tensor) -> StepOutcome:
         state = self.state
@@ -175,6 +183,7 @@ class TrackingEnv:
         position_error_m = t.bodies.pos_w - t.reference.body_pos_w
         state.error_change_m = position_error_m - state.position_error_m
         state.position_error_m = position_error_m
+        state.sensed_before = senses_of(state.physics)
         state.physics, state.bodies = t.physics, t.bodies
         root = t.physics.root_pos_w, t.physics.root_quat_wxyz
         state.place = self.command.anchor.followed(state.place, *root, t.reference)
@@ -221,6 +230,7 @@ class TrackingEnv:
         bodies = self._physics.bodies(physics)
         state.physics.write(env_ids, physics)
         state.bodies.write(env_ids, bodies)
+        self._sensors.begin(state, env_ids, self.simulator.randomization)
         state.position_error_m[env_ids] = bodies.pos_w - start.rows.body_pos_w
         state.error_change_m[env_ids] = CONTROL_PERIOD_S * (bodies.lin_vel_w - start.rows.body_lin_vel_w)
         self.observations.restart(state, env_ids, *self._sample(env_ids, start.rows.phase, self._episodes))
@@ -231,15 +241,13 @@ class TrackingEnv:
         """Samples of the robots ``rows`` (n,). Sensor noise grows with the randomisation."""
         state, scale = self.state, self.simulator.randomization
         window = self.command.window(state, rows, self.observations.window_ticks)
-        return self.observations.sample(
-            state.physics.rows(rows), state.last_action[rows], phase, window, noise_scale=scale, generator=generator
-        )
+        seen = state.physics.rows(rows), self._sensors.senses(state, rows), state.last_action[rows], phase, window
+        return self.observations.sample(*seen, noise_scale=scale, generator=generator)
 
     def _observe(self) -> dict[str, torch.Tensor]:
-        state = self.state
         return {
-            "actor": self.observations.actor(state.actor_history),
-            "critic": self.critic.view(state, self._everyone),
+            "actor": self.observations.actor(self.state.actor_history),
+            "critic": self.critic.view(self.state, self._everyone),
         }
 
     def finish_iteration(self) -> None:

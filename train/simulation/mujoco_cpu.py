@@ -111,6 +111,11 @@ class MujocoCpuSimulator:
         """(B,) control delay of the present episodes, seconds."""
         return self._lag.sum(dim=1) * self._substep_s  # a lag of n control steps lasts n·substeps in all
 
+    @property
+    def torque_offset_nm(self) -> torch.Tensor:
+        """(B, J) what is added to the motors' torques in the present episodes, before their limit."""
+        return self._torque_offset * self.randomization
+
     def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """See :class:`train.simulation.simulator.Simulator`."""
         self._state[env_ids] = torch.cat([torch.zeros(len(env_ids), 1), qpos, qvel], dim=1).double()

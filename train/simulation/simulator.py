@@ -50,6 +50,11 @@ class Simulator(Protocol):
         """(B,) control delay of the present episodes, seconds."""
         ...
 
+    @property
+    def torque_offset_nm(self) -> torch.Tensor:
+        """(B, J) what is added to the motors' torques in the present episodes."""
+        ...
+
     def reset(self, env_ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """Place environments ``env_ids`` (n,) at qpos (n, 7+J), qvel (n, 6+J) and clear their queues."""
         ...

@@ -43,7 +43,7 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
         return torch.Generator().manual_seed(1000 * config.seed + _STREAMS[name])
 
     substeps = env.settings.simulation.substeps
-    packed = packed_context(env.simulator.domain, env.simulator.delay_s, substeps, CONTROL_PERIOD_S).shape[1]
+    packed = packed_context(env.simulator, env.state.sensing, substeps, CONTROL_PERIOD_S).shape[1]
     joints, context = robot.num_joints, packed - 2 * QUEUE
     ring = Ring(settings.capacity // env.num_envs, env.num_envs, (13 + 2 * joints, joints, packed))
     model = WorldModel(robot, context, settings.fitting.hidden, CONTROL_PERIOD_S, stream("model"), config.precision)
@@ -76,7 +76,7 @@ def _imagination(
 ) -> Imagination:
     return Imagination(
         robot, env.actor_group, env.command.table, env.settings.observation_noise, settings.imagination, ACTION_SCALE,
-        generator,
+        CONTROL_PERIOD_S, generator,
     )  # fmt: skip
 
 
@@ -96,7 +96,8 @@ def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ri
 
 
 def _past(layout: Layout) -> int:
-    return max(lag for entry in layout.measured for lag in entry.lags)
+    """States before the present one that an actor's history shows, and the one before them: sensors may be late."""
+    return 1 + max(lag for entry in layout.measured for lag in entry.lags)
 
 
 def _critic(

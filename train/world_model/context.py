@@ -5,7 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from train.simulation.domain import Domain
+from train.mdp.sensing import Sensing
+from train.simulation.simulator import Simulator
 
 QUEUE = 3  # targets that may still act
 MOST_DELAY_S = 0.04  # two control steps: the oldest of them
@@ -17,22 +18,28 @@ class Context(NamedTuple):
     Attributes:
         features: (N, C) all of it.
         kp_scale, kd_scale: (N, J).
+        torque_offset_nm: (N, J).
+        sensing: how the sensors are off, which concerns the critic alone.
         early, late: (N, 3) how much of the newest target and of the two before acts in each half of a control step.
     """
 
     features: Tensor
     kp_scale: Tensor
     kd_scale: Tensor
+    torque_offset_nm: Tensor
+    sensing: Sensing
     early: Tensor
     late: Tensor
 
 
-def packed_context(domain: Domain, delay_s: Tensor, substeps: int, control_period_s: float) -> Tensor:
+def packed_context(simulator: Simulator, sensing: Sensing, substeps: int, control_period_s: float) -> Tensor:
     """One tensor (N, C + 6) of what is constant over an episode; see :func:`context_of`."""
+    domain, delay_s = simulator.domain, simulator.delay_s
     sole = domain.sole_scale.unflatten(1, (2, -1)).mean(dim=-1)
     features = [
         domain.kp_scale, domain.kd_scale, domain.friction[:, None], sole, domain.com_offset_m, domain.mass_scale,
-        domain.inertia_scale, delay_s[:, None],
+        domain.inertia_scale, delay_s[:, None], simulator.torque_offset_nm, sensing.encoder_offset_rad,
+        sensing.heading_drift_rad_s[:, None], sensing.lateness[:, None],
     ]  # fmt: skip
     return torch.cat([*features, *_acting(delay_s, substeps, control_period_s)], dim=1)
 
@@ -40,7 +47,9 @@ def packed_context(domain: Domain, delay_s: Tensor, substeps: int, control_perio
 def context_of(packed: Tensor, num_joints: int) -> Context:
     """Inverse of :func:`packed_context`."""
     features, early, late = packed.split([packed.shape[1] - 2 * QUEUE, QUEUE, QUEUE], dim=1)
-    return Context(features, features[:, :num_joints], features[:, num_joints : 2 * num_joints], early, late)
+    kp, kd = features[:, :num_joints], features[:, num_joints : 2 * num_joints]
+    torque, encoder, drift, lateness = features[:, -2 * num_joints - 2 :].split([num_joints, num_joints, 1, 1], dim=1)
+    return Context(features, kp, kd, torque, Sensing(encoder, drift[:, 0], lateness[:, 0]), early, late)
 
 
 def _acting(delay_s: Tensor, substeps: int, control_period_s: float) -> tuple[Tensor, Tensor]:

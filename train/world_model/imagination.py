@@ -1,6 +1,7 @@
 """Rollouts of the policy in the world model, through which gradients pass to the policy."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.mdp.draws import normal, uniform
+from train.mdp.sensing import Senses
 from train.mdp.tick import ReferenceRows, ReferenceTable
 from train.world_model.context import Context, context_of
 from train.world_model.cost import Imagined
@@ -52,6 +54,7 @@ class Imagination:
         noise: term → half width of uniform sensor noise, before scaling.
         settings: horizon, noise on actions, when a robot is lost.
         action_scale: rad of a raw action of 1.
+        control_period_s: of a step.
         generator: source of the noise.
     """
 
@@ -63,6 +66,7 @@ class Imagination:
         noise: dict[str, float],
         settings: ImaginationSettings,
         action_scale: float,
+        control_period_s: float,
         generator: torch.Generator,
     ) -> None:
         self._robot, self._table, self._settings, self.generator = robot, table, settings, generator
@@ -77,6 +81,7 @@ class Imagination:
         self._noise = torch.tensor(np.concatenate(half)).float()
         self._default = torch.tensor(robot.default_pos_rad).float()
         self._action_scale, self._joints, self.horizon = action_scale, joints, settings.horizon
+        self._control_period_s = control_period_s
         self._kp_share, self._kd_share = (
             torch.tensor(gain / robot.torque_limit_nm).float() for gain in (robot.kp, robot.kd)
         )
@@ -91,18 +96,21 @@ class Imagination:
         compared_with = self._windows(clip, tick, self._ticks[self._compared])
         noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros(())] * steps
         context = context_of(start.context, self._joints)
-        encoded = model.encode(context)
-        motion, history, last_action = start.motion, self._history(start), self._actions(start)[0]
+        encoded, offset = model.encode(context), context.sensing.encoder_offset_rad
+        motion, history, last_action = start.motion, self._history(start, context), self._actions(start, context)[0]
+        earlier = _before(start)
         before: tuple[Tensor, Tensor] | None = None
         befores, states, wishes, targets = [], [], [], []
         for k in range(steps):
-            history = [self._measure(motion, last_action), *history][: self.lags]
-            compared = sample_terms(self._compared, self._seen(motion, last_action, compared_with[k]))
+            senses = self._sense(motion, earlier, context, start.age + k)
+            history = [self._measure(senses, last_action), *history][: self.lags]
+            compared = sample_terms(self._compared, self._seen(senses, last_action, compared_with[k]))
             wish = policy.wish(torch.cat([*history, compared], dim=1), encoded_ahead[k])
             last_action = carrying[k] + policy.added(wish) + noise[k]
-            target = self._default + self._action_scale * last_action
+            target = self._default + self._action_scale * last_action - offset
             before = before or self._queue(start, target)
             befores.append(motion)
+            earlier = motion
             motion = model.step(motion, projected_gravity(motion.quat_wxyz), (target, *before), context, encoded)
             before = target, before[0]
             states.append(motion)
@@ -116,11 +124,12 @@ class Imagination:
         """What policies and critics see at the start: (N, S) of the robot, (N, A) ahead; state, reference, context."""
         clip, tick = start.clip[None], start.tick[None]
         ahead, window = self._look_ahead(clip, tick)[0], self._windows(clip, tick, self._ticks[self._compared])[0]
-        last_action = self._actions(start)[0]
-        history = [self._measure(start.motion, last_action), *self._history(start)]
-        compared = sample_terms(self._compared, self._seen(start.motion, last_action, window))
-        reference = reference_motion(self._table.rows(start.clip, start.tick))
         context = context_of(start.context, self._joints)
+        last_action = self._actions(start, context)[0]
+        senses = self._sense(start.motion, _before(start), context, start.age)
+        history = [self._measure(senses, last_action), *self._history(start, context)]
+        compared = sample_terms(self._compared, self._seen(senses, last_action, window))
+        reference = reference_motion(self._table.rows(start.clip, start.tick))
         return torch.cat([*history, compared], dim=1), ahead, start.motion, reference, context
 
     def _look_ahead(self, clip: Tensor, tick: Tensor) -> Tensor:
@@ -134,40 +143,49 @@ class Imagination:
         parts = (part.unflatten(0, clip.shape).unbind(0) for part in list(vars(window).values())[1:])
         return [ReferenceWindow(ticks, *moment) for moment in zip(*parts, strict=True)]
 
+    def _sense(self, motion: Motion, before: Motion, context: Context, age: Tensor) -> Senses:
+        """What the robots' sensors make of a state, ``age`` (N,) steps into the episode."""
+        now, earlier = (
+            Senses(m.quat_wxyz, m.ang_vel_b, m.joint_pos_rad, m.joint_vel_rad_s) for m in (motion, before)
+        )  # fmt: skip
+        return context.sensing.sense(now, earlier, self._control_period_s * age)
+
     def _seen(
-        self, motion: Motion | None, last_action: Tensor | None, window: ReferenceWindow | None
+        self, senses: Senses | None, last_action: Tensor | None, window: ReferenceWindow | None
     ) -> ObservationInput:
         """What terms look at."""
         return ObservationInput(
-            base_quat_wxyz=motion and motion.quat_wxyz,
-            base_ang_vel_b=motion and motion.ang_vel_b,
-            joint_pos_rad=motion and motion.joint_pos_rad,
-            joint_vel_rad_s=motion and motion.joint_vel_rad_s,
+            base_quat_wxyz=senses and senses.root_quat_wxyz,
+            base_ang_vel_b=senses and senses.root_ang_vel_b,
+            joint_pos_rad=senses and senses.joint_pos_rad,
+            joint_vel_rad_s=senses and senses.joint_vel_rad_s,
             last_action=last_action,
             phase=None,
             default_pos_rad=self._default,
             reference=window,
         )
 
-    def _measure(self, motion: Motion, last_action: Tensor) -> Tensor:
+    def _measure(self, senses: Senses, last_action: Tensor) -> Tensor:
         """What a robot measures (N, ·), with noise."""
-        exact = sample_terms(self._measured, self._seen(motion, last_action, None))
+        exact = sample_terms(self._measured, self._seen(senses, last_action, None))
         return exact + self._noise * uniform(exact.shape, -1.0, 1.0, self.generator, exact.device)
 
-    def _actions(self, start: Start) -> list[Tensor]:
+    def _actions(self, start: Start, context: Context) -> list[Tensor]:
         """The raw actions before the present moment and before each of the past ones; zero where there was none."""
+        offset = context.sensing.encoder_offset_rad
         return [
-            torch.where(start.age[:, None] > lag, (target - self._default) / self._action_scale, 0.0)
+            torch.where(start.age[:, None] > lag, (target + offset - self._default) / self._action_scale, 0.0)
             for lag, target in enumerate(start.past_targets)
         ]
 
-    def _history(self, start: Start) -> list[Tensor]:
+    def _history(self, start: Start, context: Context) -> list[Tensor]:
         """What was measured at past moments, newest first; zero where there was none."""
-        _, *actions = self._actions(start)
-        return [
-            torch.where(start.age[:, None] > lag, self._measure(motion, action), 0.0)
-            for lag, (motion, action) in enumerate(zip(start.past, actions, strict=True))
-        ]
+        _, *actions = self._actions(start, context)
+        measured = []
+        for lag, (motion, before) in enumerate(pairwise(start.past)):
+            senses = self._sense(motion, before, context, start.age - 1 - lag)
+            measured.append(torch.where(start.age[:, None] > lag, self._measure(senses, actions[lag]), 0.0))
+        return measured
 
     def _queue(self, start: Start, first: Tensor) -> tuple[Tensor, Tensor]:
         """The two targets before the ``first``, with which a new episode's queue is filled."""
@@ -215,3 +233,9 @@ class Imagination:
                 & (off[..., :2].norm(dim=-1) <= lost.place_m)
             )
             return kept.float().cumprod(dim=0)
+
+
+def _before(start: Start) -> Motion:
+    """The states a step before the start; what has just begun was as it is."""
+    begun = start.age[:, None] == 0
+    return Motion(*(torch.where(begun, now, past) for now, past in zip(start.motion, start.past[0], strict=True)))

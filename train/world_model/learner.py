@@ -7,12 +7,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from policy.action import decode_action
 from train.interface import StepResult
 from train.learner.networks import ActorNetwork
 from train.learner.transfer import copy_weights, misfits
 from train.mdp.draws import normal
-from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+from train.mdp.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
 from train.world_model.comparison import Comparison
 from train.world_model.context import packed_context
 from train.world_model.fitting import ModelFitting
@@ -91,13 +90,12 @@ class WorldModelLearner:
 
     def _remember(self, action: Tensor) -> None:
         env, state = self._env, self._env.state
-        limits = env.limits.default_pos_rad
         self._ring.write(
             Steps(
                 state=pack(motion_of(state.physics)),
-                target=decode_action(action, limits, ACTION_SCALE, ACTION_CLIP),
+                target=env.targets_of(action),
                 context=packed_context(
-                    env.simulator.domain, env.simulator.delay_s, env.settings.simulation.substeps, CONTROL_PERIOD_S
+                    env.simulator, state.sensing, env.settings.simulation.substeps, CONTROL_PERIOD_S
                 ),
                 clip=state.clip,
                 tick=state.tick,

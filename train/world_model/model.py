@@ -32,6 +32,7 @@ class WorldModel(nn.Module):
     """
 
     output_std: Tensor
+    kp: Tensor
     kp_share: Tensor
     kd_share: Tensor
 
@@ -52,8 +53,9 @@ class WorldModel(nn.Module):
             inputs, context_size, hidden, sum(self._sizes), generator=generator, precision=precision, exact=True
         )
         self.register_buffer("output_std", torch.ones(sum(self._sizes)))
-        for name, gain in (("kp_share", robot.kp), ("kd_share", robot.kd)):
-            self.register_buffer(name, torch.tensor(gain / robot.torque_limit_nm).float(), persistent=False)
+        limit = robot.torque_limit_nm
+        for name, value in (("kp_share", robot.kp / limit), ("kd_share", robot.kd / limit), ("kp", robot.kp)):
+            self.register_buffer(name, torch.tensor(value).float(), persistent=False)
 
     def prepare(self) -> None:
         """See :meth:`Network.prepare`."""
@@ -66,7 +68,10 @@ class WorldModel(nn.Module):
     def inputs(self, motion: Motion, gravity_b: Tensor, targets: Targets, context: Context) -> Tensor:
         """What the network sees (N, ·)."""
         q, speed = motion.joint_pos_rad, motion.joint_vel_rad_s
-        off_early, off_late = ((acting(w, targets) - q) * context.kp_scale for w in (context.early, context.late))
+        offset = context.torque_offset_nm / self.kp  # a torque is a target further off
+        off_early, off_late = (
+            (acting(shares, targets) - q) * context.kp_scale + offset for shares in (context.early, context.late)
+        )
         brake = self.kd_share * context.kd_scale * speed
         torque_early = (off_early * self.kp_share - brake).clamp(-1.0, 1.0)
         # By the second half the joint has moved on.
