@@ -7,6 +7,9 @@ the machine does weighs on all alike, of which the medians count:
 - physics: MuJoCo's threaded rollout alone, on the models, states and inputs that the stepping met;
 - stepping: the environment with random small actions around the action prior;
 - loop: what train/run.py does in an iteration: collect and learn.
+
+With --world-model it times rounds of the tracker's learner instead, in one process, so that each part has a time of its
+own: simulated steps, updates of the world model, updates of policy and critic.
 """
 
 import argparse
@@ -36,6 +39,7 @@ try:
 
         from core.errors import InputError
         from core.files import check_output_file, write_json
+        from core.structured import at_least
         from motion.reference import build_reference
         from robot.kinematics import Kinematics
         from train import interface
@@ -54,11 +58,19 @@ try:
         from train.runner import Runner
         from train.session import environment_of
         from train.setup import Setup, new_setup
+        from train.world_model import critic
+        from train.world_model.build import build_world_model_learner
+        from train.world_model.fitting import ModelFitting
+        from train.world_model.imagination import Imagination
+        from train.world_model.learner import WorldModelLearner
+        from train.world_model.policy_learning import PolicyLearning
+        from train.world_model.starts import Starts
 except ModuleNotFoundError as error:
     hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
     print(f"{hint} (no module {error.name})", file=sys.stderr)
     sys.exit(2)
 
+BRIEF = [f"world_model.fitting.warm_up_{name}" for name in ("steps=30000", "single=20", "window=20")]
 ACTION_NOISE = 0.1  # standard deviation of the random actions, raw
 
 PHASES: dict[str, tuple[tuple[type, str], ...]] = {
@@ -79,6 +91,17 @@ PHASES: dict[str, tuple[tuple[type, str], ...]] = {
 }
 
 
+ROUND_PARTS: dict[str, tuple[tuple[type, str], ...]] = {
+    "robots act": ((WorldModelLearner, "act"), (WorldModelLearner, "record")),
+    "robots step": ((TrackingEnv, "step"),),
+    "model updates": ((ModelFitting, "update"),),
+    "starts": ((Starts, "draw"),),
+    "imagination": ((Imagination, "play"),),
+    "cost and gradient": ((PolicyLearning, "_update"),),
+    "critic": ((critic.Critic, "learn"),),
+}
+
+
 @contextmanager
 def replaced(owner: type, name: str, make: Callable[[Callable], Callable]) -> Iterator[None]:
     """Let ``make(method)`` stand in for a method for a while."""
@@ -93,7 +116,8 @@ def replaced(owner: type, name: str, make: Callable[[Callable], Callable]) -> It
 class Stopwatch:
     """Time in each phase of the training loop, without the phases inside it."""
 
-    def __init__(self) -> None:
+    def __init__(self, phases: Mapping[str, tuple[tuple[type, str], ...]] = PHASES) -> None:
+        self._phases = phases
         self.seconds: dict[str, float] = defaultdict(float)
         self.running = False
         self._inner_s: list[float] = []
@@ -102,7 +126,7 @@ class Stopwatch:
     def on_phases(self) -> Iterator[None]:
         """Time the phases' methods, while :attr:`running`."""
         with ExitStack() as stack:
-            for phase, methods in PHASES.items():
+            for phase, methods in self._phases.items():
                 for owner, name in methods:
                     stack.enter_context(replaced(owner, name, partial(self._timed, phase)))
             yield
@@ -235,6 +259,55 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     }
 
 
+def measure_rounds(setup: Setup, rounds: int) -> dict[str, Any]:
+    """Time so many rounds of the learner through a world model, after a short warming up."""
+    config, settings = setup.followable, setup.followable.world_model
+    assert settings is not None
+    torch.set_num_threads(config.threads)
+    env, watch = environment_of(setup), Stopwatch(ROUND_PARTS)
+    assert isinstance(env, TrackingEnv)
+    learner = build_world_model_learner(config, env, setup.robot)
+    observations: Mapping[str, torch.Tensor] = env.reset()
+    left, begun_s = rounds * settings.round, 0.0
+    with watch.on_phases():
+        while left:
+            for _ in range(learner.horizon):
+                result = env.step(learner.act(observations))
+                learner.record(result)
+                observations = result.observations
+            figures = learner.update(observations)
+            if watch.running:
+                left -= 1
+            elif "policy_updates" in figures:  # after a first round
+                watch.running, begun_s = True, time.perf_counter()
+        taken_s = time.perf_counter() - begun_s
+    a_round = {
+        "simulated steps": settings.round * settings.collect.steps * config.num_envs,
+        "imagined steps": settings.policy.updates * settings.imagination.horizon * settings.imagination.batch,
+        "policy updates": settings.policy.updates,
+        "model updates": settings.round * (settings.fitting.single_updates + settings.fitting.window_updates),
+    }
+    shares = {part: watch.seconds[part] / taken_s for part in ROUND_PARTS}
+    return {
+        "motion": config.motion_name,
+        "num_envs": config.num_envs,
+        "precision": config.precision,
+        "rounds": rounds,
+        "per_s": {name: number * rounds / taken_s for name, number in a_round.items()},
+        "shares": shares | {"rest": 1.0 - sum(shares.values())},
+    }
+
+
+def print_rounds(figures: dict[str, Any]) -> None:
+    """The figures of :func:`measure_rounds` for people."""
+    print(", ".join(f"{name} {figures[name]}" for name in ("motion", "num_envs", "precision", "rounds")), end="\n\n")
+    for name, rate in figures["per_s"].items():
+        print(f"{name:18}{rate:12.4g} per s")
+    print(f"\n{'part of a round':18}{'share':>12}")
+    for part, share in figures["shares"].items():
+        print(f"{part:18}{share:12.1%}")
+
+
 def print_tables(figures: dict[str, Any]) -> None:
     """The figures for people."""
     told = ("motion", "num_envs", "horizon", "precision", "threads", "turns")
@@ -257,6 +330,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--motion", default="taichi", metavar="NAME|FILE")
     parser.add_argument("--num-envs", type=int, metavar="N", help="instead of the preset's")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="after building and warming up")
+    parser.add_argument("--world-model", type=int, metavar="ROUNDS", help="so many rounds of the tracker's learner")
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args(arguments)
     try:
@@ -265,10 +339,14 @@ def main(arguments: list[str]) -> int:
         check_output_file("--json", options.json)
         wanted = [f"motion={options.motion}"]
         wanted += [f"num_envs={options.num_envs}"] if options.num_envs is not None else []
+        if options.world_model is not None:
+            at_least("--world-model", options.world_model, 1)
+            wanted += ["train=tracker", "threads=1", "world_model.processes=1", *BRIEF]
         with tempfile.TemporaryDirectory() as folder:
             setup = new_setup(compose_document([*wanted, f"run_dir={folder}/run"]))
-            figures = measure(setup, options.seconds)
-        print_tables(figures)
+            rounds = options.world_model
+            figures = measure(setup, options.seconds) if rounds is None else measure_rounds(setup, rounds)
+        (print_tables if rounds is None else print_rounds)(figures)
         if options.json:
             write_json(options.json, figures)
     except InputError as error:

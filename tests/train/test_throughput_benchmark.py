@@ -9,6 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.train.world_model.small import SMALL
+from train.config import compose_document
+from train.setup import new_setup
+
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "train_throughput.py"
 
 
@@ -34,11 +38,11 @@ def test_a_short_measurement_makes_sense(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def benchmark_main():
+def benchmark():
     spec = importlib.util.spec_from_file_location("train_throughput", BENCHMARK)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.main
+    return module
 
 
 @pytest.mark.parametrize(
@@ -48,12 +52,27 @@ def benchmark_main():
         (("--seconds", "nan"), "--seconds: not a duration"),
         (("--num-envs", "0"), "num_envs: too small"),
         (("--motion", "nosuchclip"), "nosuchclip: no such clip"),
+        (("--world-model", "0"), "--world-model: too small"),
         (("--json", "no/such/folder/figures.json"), "--json no/such/folder/figures.json: no such folder"),
     ],
 )
-def test_unusable_input_is_exit_2_and_one_line(benchmark_main, capsys, arguments, message):
-    assert benchmark_main(list(arguments)) == 2
+def test_unusable_input_is_exit_2_and_one_line(benchmark, capsys, arguments, message):
+    assert benchmark.main(list(arguments)) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
     assert message in captured.err
+
+
+def test_rounds_through_a_world_model_are_timed_part_by_part(benchmark, tmp_path, capsys):
+    setup = new_setup(compose_document([*SMALL, "world_model.processes=1", f"run_dir={tmp_path / 'run'}"]))
+    figures = benchmark.measure_rounds(setup, 3)
+    # A round of SMALL: 2 iterations of 4 steps of 8 robots; 3 updates of 16 robots for 8 steps; 2 times 4 of the model.
+    per_s = figures["per_s"]
+    assert per_s["imagined steps"] / per_s["simulated steps"] == pytest.approx(3 * 16 * 8 / (2 * 4 * 8))
+    assert per_s["model updates"] / per_s["policy updates"] == pytest.approx(8 / 3)
+    shares = figures["shares"]
+    assert sum(shares.values()) == pytest.approx(1.0) and min(shares.values()) > -1e-3
+    assert min(share for part, share in shares.items() if part != "rest") > 0.0
+    benchmark.print_rounds(figures)
+    assert "imagined steps" in capsys.readouterr().out
