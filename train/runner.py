@@ -41,7 +41,7 @@ class Runner:
         self.env, self.learner, self.hooks, self.lineage = env, learner, hooks, lineage
         self._run_dir, self._document = run_dir, dict(document)
         self._guard = NanGuard(env)
-        self._observations = env.reset()
+        self.observations = env.reset()
         self.iteration, self.samples, self.wall_s = 0, 0, 0.0
         self.outcome: Outcome | None = None
         self.iteration_start_s = 0.0
@@ -85,7 +85,7 @@ class Runner:
         try:
             collected = self._collect()
             learnt_from_s = time.monotonic()
-            learnt = self.learner.update(self._observations)
+            learnt = self.learner.update(self.observations)
         except NonFiniteError as error:
             raise self._dumped(error) from error
         self.env.finish_iteration()
@@ -100,13 +100,13 @@ class Runner:
         figures, times, rewards = Figures(), {"time/act_s": 0.0, "time/step_s": 0.0}, []
         for _ in range(self.learner.horizon):
             begun_s = time.monotonic()
-            actions = self.learner.act(self._observations)
+            actions = self.learner.act(self.observations)
             acted_s = time.monotonic()
             result = self._guard.step(actions)
             times["time/act_s"] += acted_s - begun_s
             times["time/step_s"] += time.monotonic() - acted_s
             self.learner.record(result)
-            self._observations = result.observations
+            self.observations = result.observations
             figures.add(result.log)
             rewards.append(result.rewards.mean(dim=0))
         for step in torch.stack(rewards).cpu():
@@ -134,7 +134,7 @@ class Runner:
             "hooks": {type(hook).__name__: hook.state_dict() for hook in self.hooks},
             "learner": self.learner.state_dict(),
             "environment": self.env.state_dict(),
-            "observations": dict(self._observations),
+            "observations": dict(self.observations),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -145,4 +145,4 @@ class Runner:
             hook.load_state_dict(state["hooks"].get(type(hook).__name__, {}))
         self.learner.load_state_dict(state["learner"])
         self.env.load_state_dict(state["environment"])
-        self._observations = {name: values.to(self.env.device) for name, values in state["observations"].items()}
+        self.observations = {name: values.to(self.env.device) for name, values in state["observations"].items()}

@@ -38,6 +38,7 @@ from train.report.writer import TrainingReport, story
 from train.runner import Runner
 from train.setup import Setup, stored_clips
 from train.world_model.build import build_world_model_learner
+from train.world_model.learner import WorldModelLearner
 
 EVALUATION_SEED = 12345
 
@@ -73,7 +74,8 @@ def train(setup: Setup) -> None:
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
         runner.run()
-        _export(setup, runner, evaluation, progress, code)
+        spots = _blind_spots(setup, learner, runner, progress)
+        _export(setup, runner, evaluation, progress, code, spots)
         progress.say(f"report {report.finish()}")
     finally:
         learner.close()
@@ -186,7 +188,23 @@ def _learned_from(setup: Setup) -> dict[str, Any]:
     return {"clips": clips, TRAINED_ON: envelope} if clips else {TRAINED_ON: envelope}
 
 
-def _export(setup: Setup, runner: Runner, evaluation: EvaluationHook, progress: TrainingProgress, code: str) -> None:
+def _blind_spots(setup: Setup, learner: Learner, runner: Runner, progress: TrainingProgress) -> dict[str, Any]:
+    """Say where a world model is wrong, once it has learnt; nothing for a run that was stopped, or without one."""
+    if not isinstance(learner, WorldModelLearner) or runner.outcome != "completed":
+        return {}
+    spots = learner.blind_spots(setup.robot, runner.observations)
+    progress.say("\n".join(["the world model is less sure where", *(f"  {spot}" for spot in spots)]))
+    return {"blind_spots": {spot.what: {"share": spot.share, "ratio": spot.ratio} for spot in spots}}
+
+
+def _export(
+    setup: Setup,
+    runner: Runner,
+    evaluation: EvaluationHook,
+    progress: TrainingProgress,
+    code: str,
+    told: Mapping[str, Any],
+) -> None:
     """Write actor.onnx and summary.json, which says besides what the report says in words."""
     actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {
@@ -215,6 +233,7 @@ def _export(setup: Setup, runner: Runner, evaluation: EvaluationHook, progress: 
         "actor": ACTOR_FILE,
         "actor_sha256": digest,
         "last_evaluation": finite_or_none(evaluation.judged),
+        **told,
         "last_iteration": dict(last),
         "machine": machine_facts(setup.config),
     }

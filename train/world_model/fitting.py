@@ -71,9 +71,7 @@ class ModelFitting:
         One whose gradient is not finite changes nothing; :attr:`skipped` counts them.
         """
         played, actual, counts = self._play(length, batch)
-        off = error(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
-        units = pack(off) / self._units
-        losses = ((units.square() + SOFTNESS**2).sqrt() - SOFTNESS) @ self._weights
+        losses = self.losses(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
         loss = (torch.nan_to_num(losses, 0.0, 0.0, 0.0) * counts).sum() / counts.sum().clamp(min=1.0)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -83,6 +81,11 @@ class ModelFitting:
         else:
             self.skipped += 1
         return loss.detach()
+
+    def losses(self, played: Motion, actual: Motion) -> Tensor:
+        """Weighted error (N,) of states, in units: by its square where it is small."""
+        units = pack(error(played, actual)) / self._units
+        return ((units.square() + SOFTNESS**2).sqrt() - SOFTNESS) @ self._weights
 
     def _play(self, length: int, batch: int) -> tuple[list[Motion], Tensor, Tensor]:
         """The model's states after each step of windows, the actual ones, and whether (length · batch,) they count."""

@@ -7,11 +7,13 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from robot.robot import Robot
 from train.interface import StepResult
 from train.learner.networks import ActorNetwork
 from train.learner.transfer import copy_weights, misfits
 from train.mdp.draws import normal
 from train.mdp.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
+from train.world_model.blindness import BlindSpot, blind_spots
 from train.world_model.comparison import Comparison
 from train.world_model.context import packed_context
 from train.world_model.fitting import ModelFitting
@@ -56,8 +58,8 @@ class WorldModelLearner:
         iterations: int,
         generator: torch.Generator,
     ) -> None:
-        self.horizon, self._settings, self._env = settings.collect.steps, settings, env
-        self._ring, self._fitting, self._actor = ring, fitting, actor
+        self.horizon, self._settings, self.env = settings.collect.steps, settings, env
+        self.ring, self.fitting, self._actor = ring, fitting, actor
         self._acting, self._handed_over, self._partner = copy.deepcopy(actor), handed_over, partner
         self._iterations, self._generator = iterations, generator
         stds = torch.tensor(settings.collect.noise_rad)
@@ -89,8 +91,8 @@ class WorldModelLearner:
         return action
 
     def _remember(self, action: Tensor) -> None:
-        env, state = self._env, self._env.state
-        self._ring.write(
+        env, state = self.env, self.env.state
+        self.ring.write(
             Steps(
                 state=pack(motion_of(state.physics)),
                 target=env.targets_of(action),
@@ -107,19 +109,19 @@ class WorldModelLearner:
     def record(self, result: StepResult) -> None:
         """See the protocol."""
         ended = result.terminated | result.timed_out
-        self._segment += ended | self._env.disturbed
+        self._segment += ended | self.env.disturbed
         self._noise[ended] = 0.0
 
     def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:
         """See the protocol."""
         self._updates += 1
         self._redraw()
-        fit, done = self._settings.fitting, self._ring.count * self._ring.num_envs
+        fit, done = self._settings.fitting, self.ring.count * self.ring.num_envs
         if self._fitted == 0 and done < fit.warm_up_steps:
             return {"warm_up": done / fit.warm_up_steps}
         if self._fitted == 0:
-            if not self._fitting.normalized:
-                self._fitting.normalize()
+            if not self.fitting.normalized:
+                self.fitting.normalize()
             self._call("normalize", *self._handed())
         if self._fitted < fit.warm_up_single + fit.warm_up_window:
             return self._warm_up()
@@ -128,7 +130,7 @@ class WorldModelLearner:
     def _redraw(self) -> None:
         """Physical constants change within no window."""
         if self._updates % self._settings.collect.redraw_every == 0:
-            self._env.simulator.redraw()
+            self.env.simulator.redraw()
             self._segment += 1
 
     def _warm_up(self) -> dict[str, float]:
@@ -136,7 +138,7 @@ class WorldModelLearner:
         for _ in range(WARM_UP_CHUNK):
             single = self._fitted < fit.warm_up_single
             size = (1, fit.single_batch) if single else (fit.warm_up_length, fit.window_batch)
-            loss = self._fitting.update(*size)
+            loss = self.fitting.update(*size)
             self._fitted += 1
         return {"model/loss": float(loss)}
 
@@ -146,32 +148,32 @@ class WorldModelLearner:
             self._hand_over()
             self._partner.begin("round", *self._handed())
             self._under_way = True
-        self._fitting.set_rate(cosine(self._updates / self._iterations))
+        self.fitting.set_rate(cosine(self._updates / self._iterations))
         for _ in range(fit.single_updates):
-            single = self._fitting.update(1, fit.single_batch)
+            single = self.fitting.update(1, fit.single_batch)
         for _ in range(fit.window_updates):
-            window = self._fitting.update(fit.window, fit.window_batch)
+            window = self.fitting.update(fit.window, fit.window_batch)
         self._in_round = (self._in_round + 1) % self._settings.round
         if self._in_round == 0:
             self._settle()
         losses = {"model/single_loss": float(single), "model/window_loss": float(window)}
-        return {**losses, "model/skipped": float(self._fitting.skipped), **self._figures, **self._compared()}
+        return {**losses, "model/skipped": float(self.fitting.skipped), **self._figures, **self._compared()}
 
     def _compared(self) -> dict[str, float]:
         """What the world model foretells beside what happened, every few rounds."""
         if self._updates % (COMPARE_ROUNDS * self._settings.round):
             return {}
-        compared: dict[str, float] = self._call("compare", self._ring.next, self._ring.count)
+        compared: dict[str, float] = self._call("compare", self.ring.next, self.ring.count)
         return compared
 
     def _hand_over(self) -> None:
         """Both sides are idle: the world model goes there, the averaged policy comes here."""
-        self._handed_over.load_state_dict(self._fitting.model.state_dict())
+        self._handed_over.load_state_dict(self.fitting.model.state_dict())
         self._acting.load_state_dict(self._actor.state_dict())
 
     def _handed(self) -> tuple[int, int, Tensor]:
         """What may be sampled, and where robots fail."""
-        return self._ring.next, self._ring.count, self._env.command.hard()
+        return self.ring.next, self.ring.count, self.env.command.hard()
 
     def _settle(self) -> None:
         """Wait for the policy's side."""
@@ -186,13 +188,17 @@ class WorldModelLearner:
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
         """See the protocol. What inputs are normalised by comes with the weights; the model is that of a run."""
         taken: list[str] = self._call("start_from", networks)
-        model, given = self._fitting.model.state_dict(), networks.get("model", {})
+        model, given = self.fitting.model.state_dict(), networks.get("model", {})
         if given and not misfits(model, given):
             copy_weights(model, given, "model")
-            self._fitting.normalized = True
+            self.fitting.normalized = True
             taken.append("model")
         self._acting.load_state_dict(self._actor.state_dict())
         return taken
+
+    def blind_spots(self, robot: Robot, observations: Mapping[str, Tensor]) -> list[BlindSpot]:
+        """Where the world model is wrong; see :func:`blind_spots`. The robots go on from ``observations``."""
+        return blind_spots(self, robot, observations)
 
     def close(self) -> None:
         """See the protocol."""
@@ -205,8 +211,8 @@ class WorldModelLearner:
             "policy": policy,
             "average": {"weights": dict(self.weights)},
             "critic": policy["critic"]["network"],
-            "fitting": self._fitting.state_dict(),
-            "ring": self._ring.state_dict(),
+            "fitting": self.fitting.state_dict(),
+            "ring": self.ring.state_dict(),
             "acting": self._acting.state_dict(),
             "handed_over": self._handed_over.state_dict(),
             "noise": self._noise,
@@ -219,8 +225,8 @@ class WorldModelLearner:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """See the protocol."""
         self._call("load_state_dict", state["policy"])
-        self._fitting.load_state_dict(state["fitting"])
-        self._ring.load_state_dict(state["ring"])
+        self.fitting.load_state_dict(state["fitting"])
+        self.ring.load_state_dict(state["ring"])
         self._acting.load_state_dict(state["acting"])
         self._handed_over.load_state_dict(state["handed_over"])
         self._noise, self._segment = state["noise"].clone(), state["segment"].clone()

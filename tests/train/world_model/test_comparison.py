@@ -17,7 +17,7 @@ def parts():
     env, learner = small("world_model.processes=1", "environment.termination.max_episode_s=1.0")
     iterate(env, learner, env.reset(), 40)
     side = learner._partner._target
-    side._ring.next, side._ring.count = learner._ring.next, learner._ring.count
+    side._ring.next, side._ring.count = learner.ring.next, learner.ring.count
     return env, side._learning, side._comparison
 
 

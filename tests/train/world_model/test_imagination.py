@@ -35,7 +35,7 @@ def parts():
 def start(parts):
     """All robots at the newest remembered moment."""
     env, learner, _, learning = parts
-    ring, robots = learner._ring, torch.arange(env.num_envs)
+    ring, robots = learner.ring, torch.arange(env.num_envs)
     learning._starts._ring.next, learning._starts._ring.count = ring.next, ring.count
     return learning._starts.of(torch.full((env.num_envs,), (ring.next - 1) % ring.steps), robots)
 
@@ -94,7 +94,7 @@ def test_the_torque_that_the_model_is_told_is_mujocos(parts):
     context = context_of(packed_context(env.simulator, env.state.sensing, 1, CONTROL_PERIOD_S), env.num_actions)
     assert context.torque_offset_nm.abs().max() > 1.0
     env.simulator.step(targets)
-    inputs = learner._fitting.model.inputs(motion, torch.zeros(env.num_envs, 3), (targets,) * 3, context)
+    inputs = learner.fitting.model.inputs(motion, torch.zeros(env.num_envs, 3), (targets,) * 3, context)
     share = inputs[:, -2 * env.num_actions : -env.num_actions]
     assert (share - env.simulator.state().torque_nm / torch.tensor(ROBOT.torque_limit_nm)).abs().max() < 1e-4
 

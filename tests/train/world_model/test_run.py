@@ -29,6 +29,7 @@ def trained(tmp_path_factory):
 def test_the_run_leaves_an_actor_of_any_clip_and_says_what_it_did(trained):
     summary = json.loads((trained / "summary.json").read_text())
     assert summary["outcome"] == "completed" and summary["iterations"] == 15
+    assert summary["blind_spots"] and all(spot["ratio"] > 0.0 for spot in summary["blind_spots"].values())
     rows = [json.loads(line) for line in (trained / "metrics.jsonl").read_text().splitlines()]
     assert "imagined/cost" in rows[-1] and "model/window_loss" in rows[-1]
     actor = load_run(trained / "actor.onnx", "taichi", load_robot(), load_settings().entry)
