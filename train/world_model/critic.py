@@ -1,6 +1,7 @@
 """What comes after an imagined rollout: the discounted cost from a state on."""
 
 import copy
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -8,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from core.rotations import projected_gravity, quat_conjugate, quat_mul, quat_rotate_inverse, quat_to_matrix
+from train.learner.transfer import copy_weights, misfits
 from train.world_model.imagination import Rollout
 from train.world_model.network import Network
 from train.world_model.settings import CriticSettings
@@ -54,7 +56,17 @@ class Critic:
         self.averaged = copy.deepcopy(network).requires_grad_(False)
         self._lost_value, self._generator = lost_value, generator
         self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
-        self.loss = 0.0
+        self.loss, self.known = 0.0, False
+
+    def start_from(self, weights: Mapping[str, Tensor]) -> bool:
+        """Begin with another training's network, where there is one that fits; it then counts from the first update."""
+        own = self.network.state_dict()
+        if not weights or misfits(own, weights):
+            return False
+        for network in (self.network, self.averaged):
+            copy_weights(network.state_dict(), weights, "critic")
+        self.known = True
+        return True
 
     def normalize_by(self, inputs: Tensor, extras: Tensor) -> None:
         """See :meth:`Network.normalize_by`."""
@@ -123,6 +135,7 @@ class Critic:
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "loss": self.loss,
+            "known": self.known,
             "generator": self._generator.get_state(),
         }
 
@@ -130,5 +143,5 @@ class Critic:
         """Restore what :meth:`state_dict` returned."""
         for name in ("network", "averaged", "optimizer"):
             getattr(self, name).load_state_dict(state[name])
-        self.loss = state["loss"]
+        self.loss, self.known = state["loss"], state["known"]
         self._generator.set_state(state["generator"])

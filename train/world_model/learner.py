@@ -66,7 +66,7 @@ class WorldModelLearner:
         self._noise_std = stds[torch.arange(env.num_envs) % len(stds)][:, None]
         self._noise = torch.zeros(env.num_envs, env.num_actions)
         self._segment = torch.zeros(env.num_envs, dtype=torch.long)
-        self._fitted, self._in_round, self._under_way, self._updates = 0, 0, False, 0
+        self._begun, self._fitted, self._in_round, self._under_way, self._updates = False, 0, 0, False, 0
         self._figures: dict[str, float] = {}
 
     @property
@@ -117,15 +117,22 @@ class WorldModelLearner:
         self._updates += 1
         self._redraw()
         fit, done = self._settings.fitting, self.ring.count * self.ring.num_envs
-        if self._fitted == 0 and done < fit.warm_up_steps:
-            return {"warm_up": done / fit.warm_up_steps}
-        if self._fitted == 0:
-            if not self.fitting.normalized:
-                self.fitting.normalize()
-            self._call("normalize", *self._handed())
-        if self._fitted < fit.warm_up_single + fit.warm_up_window:
-            return self._warm_up()
-        return self._round()
+        if not self._begun:
+            if done < fit.warm_up_steps:
+                return {"warm_up": done / fit.warm_up_steps}
+            self._begin()
+        return self._warm_up() if self._fitted < self._warm_up_updates else self._round()
+
+    @property
+    def _warm_up_updates(self) -> int:
+        return self._settings.fitting.warm_up_single + self._settings.fitting.warm_up_window
+
+    def _begin(self) -> None:
+        """Enough is known to normalise by."""
+        if not self.fitting.normalized:
+            self.fitting.normalize()
+        self._call("normalize", *self._handed())
+        self._begun = True
 
     def _redraw(self) -> None:
         """Physical constants change within no window."""
@@ -191,7 +198,7 @@ class WorldModelLearner:
         model, given = self.fitting.model.state_dict(), networks.get("model", {})
         if given and not misfits(model, given):
             copy_weights(model, given, "model")
-            self.fitting.normalized = True
+            self.fitting.normalized, self._fitted = True, self._warm_up_updates
             taken.append("model")
         self._acting.load_state_dict(self._actor.state_dict())
         return taken
@@ -217,7 +224,7 @@ class WorldModelLearner:
             "handed_over": self._handed_over.state_dict(),
             "noise": self._noise,
             "segment": self._segment,
-            "counters": [self._fitted, self._in_round, self._updates],
+            "counters": [int(self._begun), self._fitted, self._in_round, self._updates],
             "figures": self._figures,
             "generator": self._generator.get_state(),
         }
@@ -230,7 +237,8 @@ class WorldModelLearner:
         self._acting.load_state_dict(state["acting"])
         self._handed_over.load_state_dict(state["handed_over"])
         self._noise, self._segment = state["noise"].clone(), state["segment"].clone()
-        self._fitted, self._in_round, self._updates = state["counters"]
+        begun, self._fitted, self._in_round, self._updates = state["counters"]
+        self._begun = bool(begun)
         self._figures = dict(state["figures"])
         self._generator.set_state(state["generator"])
 

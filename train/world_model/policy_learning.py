@@ -64,7 +64,8 @@ class PolicyLearning:
                 policy.network.normalize_by(state, ahead, 0.02)
         self._normalized = True
         extras = torch.cat([ahead, context.features], dim=1)
-        self.critic.normalize_by(privileged(motion, reference), extras)
+        if not self.critic.known:
+            self.critic.normalize_by(privileged(motion, reference), extras)
 
     def round(self, hard: Tensor) -> dict[str, float]:
         """The updates of one round; ``hard`` (C, bins): see :meth:`Starts.draw`. Returns figures of the last one."""
@@ -104,7 +105,7 @@ class PolicyLearning:
         discount = s.gamma ** torch.arange(steps, device=cost.device)[:, None]
         sums = (cost * rollout.alive * discount).sum(dim=0)
         counts_from = self.settings.critic.counts_from
-        if counts_from is not None and self.updates >= counts_from:
+        if counts_from is not None and (self.critic.known or self.updates >= counts_from):
             sums = sums + s.gamma**steps * self.critic.tail(rollout)
         return sums.mean() / steps
 
@@ -123,12 +124,12 @@ class PolicyLearning:
         }
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
-        """Begin with another training's policy. InputError where it does not fit."""
+        """Begin with another training's policy, and its critic where it fits. InputError where the policy does not."""
         for policy in (self.policy, self.averaged):
             own = {f"mlp.{name}": value for name, value in policy.state_dict().items()}
             copy_weights(own, networks["actor"], "actor")
         self._normalized = True
-        return ["actor"]
+        return ["actor", "critic"] if self.critic.start_from(networks.get("critic", {})) else ["actor"]
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs."""

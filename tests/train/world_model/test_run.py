@@ -42,9 +42,13 @@ def test_its_actor_plays_clips_it_never_saw(trained, capsys):
     assert "completed %" in capsys.readouterr().out
 
 
-def test_another_run_begins_with_its_policy_and_model(trained, tmp_path, capsys):
-    execute([*SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
-    assert "weights of actor and model" in capsys.readouterr().out
+def test_another_run_begins_with_its_policy_critic_and_model(trained, tmp_path, capsys):
+    """And learns in imagination as soon as it has collected: its model needs no warming up."""
+    execute([*SMALL, "iterations=11", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
+    assert "weights of actor and critic and model" in capsys.readouterr().out
+    rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    first = next(row["iteration"] for row in rows if "warm_up" not in row)
+    assert first == 10 and "model/window_loss" in rows[first - 1] and "imagined/cost" in rows[-1]
 
 
 def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
