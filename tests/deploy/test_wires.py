@@ -37,6 +37,7 @@ def patient_settings():
     settings = yaml.safe_load(config_file("deploy", "default").read_text())
     settings["safety"]["stale"] = {"limit_periods": 50.0, "trip_periods": 50.0}
     settings["preflight"] |= {"age_periods": 50.0, "dry_run_overruns": 1.0}
+    settings["preflight"] |= {"settle_s": 0.2, "samples": 5, "dry_run_s": 1.2}  # the fake rests at once
     settings["safety"]["inference_overrun"]["periods"] = 50.0
     return yaml.safe_dump(settings)
 

@@ -12,8 +12,6 @@ from deploy.onboard.computer import Wanted
 from deploy.onboard.doctor import late_us, main, wake_up
 from hal.realtime import WIRE_PRIORITY
 
-pytestmark = pytest.mark.real_time
-
 ONBOARD = Path(__file__).resolve().parents[3] / "deploy" / "onboard"
 WANTED = load_options(Wanted, config_file("onboard", "doctor"))
 FIT = {
