@@ -1,6 +1,7 @@
 """The choreography file: key poses by body targets and timing, read into knots per group of channels.
 
-`fps`, then `keys`, each `at_s` with a free text `pose` and any of these groups; a part not given keeps its last value:
+`fps`, then `keys` (or `walk`, see :mod:`motion.author.walking`), each `at_s` with a free text `pose` and any of these
+groups; a part not given keeps its last value:
 
 - `pelvis`: sink_m below the stand pose; yaw_rad, pitch_rad, roll_rad in the world.
 - `torso`: yaw_rad, roll_rad, pitch_rad against the pelvis.
@@ -15,14 +16,16 @@
 A group moves smoothly through the keys that name it and rests where two of them in a row are equal.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from core.config import errors_in, read_yaml
 from core.errors import InputError
 from core.structured import check_keys, parse, within
+from motion.author.walking import Walk, walk_keys
 
 FOOT = ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad")
 ARM = ("x_m", "y_m", "z_m", "swivel_rad")
@@ -35,8 +38,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "left_arm": ARM,
     "right_arm": ARM,
 }
+PLACE = ("pelvis", "left_foot", "right_foot")
 KEY_FIELDS = ("at_s", "pose", "hold", "stand", "arms", *GROUPS)
-FILE_FIELDS = ("fps", "keys")
 
 
 @dataclass(frozen=True)
@@ -74,16 +77,28 @@ class Choreography:
         return next((i for i, t in enumerate(self.key_times_s) if t >= time_s - 1e-9), len(self.key_times_s) - 1)
 
 
-def load_choreography(path: Path, stand: Mapping[str, tuple[float, ...]]) -> Choreography:
+def load_choreography(
+    path: Path,
+    stand: Mapping[str, tuple[float, ...]],
+    feet_m: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> Choreography:
     """Choreography of the YAML file at `path`; `stand` gives every group's values in the stand pose.
 
+    `feet_m`: where the feet stand there, by side; needed by a file that says `walk` (:mod:`motion.author.walking`)
+    instead of `keys`.
     Raises InputError naming file and key.
     """
     table = read_yaml(path, resolve=False)
     with errors_in(path):
-        check_keys(table, FILE_FIELDS, "")
-        fps, keys = parse(float, table["fps"], "fps"), table["keys"]
+        walks = isinstance(table, dict) and "walk" in table
+        check_keys(table, ("fps", "walk" if walks else "keys"), "")
+        fps = parse(float, table["fps"], "fps")
         within("fps", fps, 1.0, 1000.0)
+        if walks:
+            hands_m = {side: stand[f"{side}_arm"][:3] for side in feet_m}
+            keys = walk_keys(parse(Walk, table["walk"], "walk"), feet_m, hands_m)
+        else:
+            keys = table["keys"]
         if not isinstance(keys, list) or len(keys) < 2:
             raise InputError("wrong value", where="keys", got=keys, expected="a list of two or more key poses")
         for i, key in enumerate(keys):
@@ -96,7 +111,7 @@ def load_choreography(path: Path, stand: Mapping[str, tuple[float, ...]]) -> Cho
         for group, values, arc_m in _entries(key, knots, stand, where):
             if times[i] > 0.0:
                 knots[group].append(Knot(times[i], i, values, arc_m))
-    _check_end(knots, stand, times[-1], path)
+    _check_end(knots, stand, times[-1], path, PLACE if walks else ())
     return Choreography(path, fps, times, poses, knots)
 
 
@@ -177,12 +192,17 @@ def _mirrored(arm: Any, where: str) -> Any:
 
 
 def _check_end(
-    knots: Mapping[str, list[Knot]], stand: Mapping[str, tuple[float, ...]], end_s: float, path: Path
+    knots: Mapping[str, list[Knot]],
+    stand: Mapping[str, tuple[float, ...]],
+    end_s: float,
+    path: Path,
+    elsewhere: Sequence[str],
 ) -> None:
-    away = [g for g, k in knots.items() if k[-1].values != stand[g]]
+    """InputError unless every group ends as it stands; those that say where on the ground may end ``elsewhere``."""
+    away = [g for g, k in knots.items() if k[-1].values != stand[g] and g not in elsewhere]
     if away:
         expected = "the stand pose: the last key says `stand: all`"
         raise InputError("does not end in the stand pose", where=path, got=", ".join(away), expected=expected)
-    for group, group_knots in knots.items():
+    for group_knots in knots.values():
         if group_knots[-1].at_s < end_s:
-            group_knots.append(Knot(end_s, group_knots[-1].key, stand[group]))
+            group_knots.append(Knot(end_s, group_knots[-1].key, group_knots[-1].values))

@@ -30,7 +30,8 @@ def choreography_names() -> list[str]:
 def build_clip(path: Path, robot: Robot) -> Clip:
     """Clip of the choreography file at `path`. Raises InputError naming file and key."""
     stand = stand_pose(robot)
-    choreography = load_choreography(path, _stand_values(stand))
+    feet_m = {side: (float(x), float(y)) for side, (x, y, _) in zip(SIDES, stand.foot_pos_w, strict=True)}
+    choreography = load_choreography(path, _stand_values(stand), feet_m)
     targets = body_targets(choreography, stand)
     qpos, wanted_zmp_w = solve_frames(robot, stand, choreography, targets), targets.zmp_w
     for _ in range(CORRECTIONS):
@@ -63,20 +64,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Build the named clips, or all; 0 done, 2 a wrong choreography or name."""
     parser = ArgumentParser(prog="motion/author/build", description=__doc__)
     names = choreography_names()
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"clips to build: {', '.join(names)} (default: all)")
+    text = f"clips to build: {', '.join(names)} (default: all of these), or choreography files (.yaml)"
+    parser.add_argument("names", nargs="*", metavar="NAME|FILE", help=text)
     parser.add_argument("--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips")
     try:
         options = parser.parse_args(arguments)
-        if unknown := [name for name in options.names if name not in names]:
+        files = [Path(name) for name in options.names if name.endswith(".yaml")]
+        if unknown := [name for name in options.names if name not in names and Path(name) not in files]:
             raise InputError("no such choreography", got=", ".join(unknown), expected=f"some of {', '.join(names)}")
         if not options.out.is_dir():
             raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
         robot = load_robot()
         for name in options.names or names:
-            clip = build_clip(CHOREOGRAPHIES / f"{name}.yaml", robot)
-            save_clip(clip, options.out / f"{name}.npz")
+            path = Path(name) if name.endswith(".yaml") else CHOREOGRAPHIES / f"{name}.yaml"
+            clip = build_clip(path, robot)
+            save_clip(clip, options.out / f"{path.stem}.npz")
             speed = np.abs(np.diff(clip.joint_pos_rad, axis=0)).max() * clip.fps
-            print(f"{name}: {clip.duration_s:g} s, fastest joint {speed:.1f} rad/s, sha256 {clip.sha256[:12]}")
+            print(f"{path.stem}: {clip.duration_s:g} s, fastest joint {speed:.1f} rad/s, sha256 {clip.sha256[:12]}")
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
