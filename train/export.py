@@ -1,6 +1,6 @@
 """Actor → one self-describing ONNX file, proven before it appears.
 
-The graph is the mean action, prior included, in fp32.
+The graph is the mean action, prior included, worked out in fp32.
 """
 
 import hashlib
@@ -21,8 +21,10 @@ from policy.metadata import write_metadata
 from policy.observation import window_ticks
 from policy.spec import ActorSpec, ObservationGroup, motion_info
 from robot.robot import Robot
+from train.compact import round_to_half, with_half_weights
 from train.learner.networks import ActorNetwork
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
+from train.world_model.policy import BoundedResidual
 
 TOLERANCE = 1e-5
 _OPSET = 17
@@ -59,12 +61,16 @@ def actor_spec(
 def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -> str:
     """Write the actor to ``path``, which appears only when it is proven and complete; return the file's SHA-256.
 
+    A tracker's weights are stored in half precision.
+
     Raises:
         ExportError: torch and onnxruntime differ by more than 1e-5 (relative to the largest action above 1).
     """
     twin = actor.deployed().cpu()
     group = spec.observations[0].name
-    graph = to_onnx(twin, group)
+    if isinstance(twin.mlp, BoundedResidual):
+        round_to_half(twin.mlp)
+    graph = with_half_weights(to_onnx(twin, group))
     verify(twin, graph, group)
     with replacing(path) as unfinished:
         unfinished.write_bytes(graph)
