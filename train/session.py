@@ -213,7 +213,7 @@ def _export(
         "iterations": runner.iteration,
         "samples": runner.samples,
         "exported_iteration": best.iteration or runner.iteration,
-        "evaluation": best.figures,
+        "evaluation": finite_or_none(best.figures),
         "config_sha256": fingerprint(setup.document),
         "code": code,
         "precision": setup.config.precision,

@@ -12,6 +12,7 @@ from core.errors import InputError
 from deploy.actors import load_run
 from deploy.settings import load_settings
 from motion.library import CLIPS
+from policy.metadata import read_metadata
 from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
 from tests.train.world_model.small import SMALL
@@ -117,3 +118,16 @@ def _width(path):
 def _actions(path, observations):
     session = onnxruntime.InferenceSession(str(path))
     return session.run(["action"], {session.get_inputs()[0].name: observations})[0]
+
+
+def test_a_figure_that_is_no_number_does_not_keep_an_actor_from_being_written(tmp_path, monkeypatch):
+    class Judge:
+        def __init__(self, *arguments, **named):
+            pass
+
+        def evaluate(self, act):
+            return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
+
+    monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
+    execute([*SMALL, "iterations=2", "evaluate_every=1", f"run_dir={tmp_path / 'run'}"])
+    assert read_metadata(tmp_path / "run" / "actor.onnx").spec.provenance["evaluation"]["nominal_empbpe_mm"] is None
