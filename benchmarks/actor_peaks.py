@@ -28,7 +28,8 @@ try:
     from deploy.settings import DeploySettings, load_settings
     from hal.contract.types import RobotState
     from hal.simulated.mujoco import MujocoBackend
-    from policy.actor import bundled_actors
+    from policy.actor import bundled_actors, resolve_actor
+    from policy.metadata import read_metadata
     from robot.robot import Robot, load_robot
     from world.options import load_sim_options
 except ModuleNotFoundError as error:
@@ -90,11 +91,11 @@ def play(rig: EpisodeRig, episode: int, start: Start) -> tuple[EpisodeResult, Wa
     return run_episode(rig, rng, start=start, start_noise_rad=noise_rad, observers=[watch]), watch
 
 
-def measure(name: str, episodes: int, randomize: bool) -> dict[str, object]:
+def measure(name: str, motion: str | None, episodes: int, randomize: bool) -> dict[str, object]:
     """One row of the table."""
     robot, settings, clock = load_robot(), load_settings(), SimulatedClock()
     start = Start.REFERENCE if randomize else Start.STAND
-    run = load_run(name, None, robot, settings.entry)
+    run = load_run(name, motion, robot, settings.entry)
     options = dataclasses.replace(load_sim_options("default"), randomize=randomize)
     backend = MujocoBackend(robot, clock, options, scene=run.scene, gantry=start is Start.STAND)
     backend.open()
@@ -116,14 +117,21 @@ def measure(name: str, episodes: int, randomize: bool) -> dict[str, object]:
         else:
             false.append(f"episode {episode}: {result.fault}")
     print(f"{name}: {falls} falls; false trips: {false or 'none'}", file=sys.stderr)
-    row = {"actor": name, "condition": "randomised" if randomize else "nominal", "episodes": episodes}
+    row = {
+        "actor": name if motion is None else f"{name}, {motion}",
+        "condition": "randomised" if randomize else "nominal",
+        "episodes": episodes,
+    }
     return row | {"falls": falls, "false_trips": len(false)} | dict(zip(PEAKS, np.max(peaks, axis=0).tolist()))
 
 
 def main() -> int:
     """0: no trip was false, 1: one was."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--actor", action="append", choices=bundled_actors(), help="default: all")
+    parser.add_argument(
+        "--actor", action="append", choices=bundled_actors(), help="default: those that carry their clip"
+    )
+    parser.add_argument("--motion", metavar="NAME|FILE", help="clip for an actor that carries none")
     parser.add_argument(
         "--episodes", type=int, default=100, help="randomised ones of each actor (default: %(default)s)"
     )
@@ -131,8 +139,9 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="where the rows go")
     given = parser.parse_args()
     rows = []
-    for name in given.actor or bundled_actors():
-        rows += [measure(name, given.nominal, False), measure(name, given.episodes, True)]
+    with_clips = [name for name in bundled_actors() if read_metadata(resolve_actor(name)).spec.motion is not None]
+    for name in given.actor or with_clips:
+        rows += [measure(name, given.motion, given.nominal, False), measure(name, given.motion, given.episodes, True)]
         for row in rows[-2:]:
             print(
                 "  ".join(
