@@ -222,11 +222,9 @@ def _export(
         **_learned_from(setup),
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
-    group = setup.config.environment.actor_group()
+    path, group = setup.run_dir / ACTOR_FILE, setup.config.environment.actor_group()
     spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, group)
-    path = setup.run_dir / ACTOR_FILE
     digest = export_actor(actor, spec, setup.clip, path)
-    last: Mapping[str, Any] = progress.rows[-1] if progress.rows else {}
     document = {
         "outcome": outcome,
         **facts,
@@ -234,7 +232,7 @@ def _export(
         "actor_sha256": digest,
         "last_evaluation": finite_or_none(evaluation.judged),
         **told,
-        "last_iteration": dict(last),
+        "last_iteration": dict(progress.rows[-1] if progress.rows else {}),
         "machine": machine_facts(setup.config),
     }
     write_json(setup.run_dir / SUMMARY_FILE, document | story(progress.rows, document))
