@@ -191,7 +191,7 @@ REFUSED = [
     ("environment.rewards=3", "environment.rewards: wrong type"),
     ("learner=3", "learner: wrong type"),
     ("~learner", "learner: missing key"),
-    ("prior.kind=magic", "prior.kind: unknown choice, got magic, expected one of lqr, feedforward, none"),
+    ("prior.kind=magic", "prior.kind: unknown choice, got magic, expected one of lqr, feedforward, observed, none"),
     ("prior.knot_ticks=0", "prior.knot_ticks: too small"),
     ("nonsense", "unusable override"),
     ("=3", "unusable override"),
