@@ -16,13 +16,12 @@ from pathlib import Path
 try:
     import numpy as np
 
-    from core.clock import SimulatedClock
     from core.files import write_json
     from deploy.actors import load_run
     from deploy.control.states import RESTING
     from deploy.control.tick import TickResult
     from deploy.control.timing import PhaseTimer
-    from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
+    from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
     from deploy.safety.rules import tilt_rad
     from deploy.safety.trips import ticks_of
     from deploy.settings import DeploySettings, load_settings
@@ -93,14 +92,12 @@ def play(rig: EpisodeRig, episode: int, start: Start) -> tuple[EpisodeResult, Wa
 
 def measure(name: str, motion: str | None, episodes: int, randomize: bool) -> dict[str, object]:
     """One row of the table."""
-    robot, settings, clock = load_robot(), load_settings(), SimulatedClock()
+    robot, settings = load_robot(), load_settings()
     start = Start.REFERENCE if randomize else Start.STAND
     run = load_run(name, motion, robot, settings.entry)
     options = dataclasses.replace(load_sim_options("default"), randomize=randomize)
-    backend = MujocoBackend(robot, clock, options, scene=run.scene, gantry=start is Start.STAND)
-    backend.open()
-    stand = load_run("stand", None, robot, settings.entry)
-    rig = EpisodeRig(robot, robot.kinematics, settings, backend, clock, run, stand)
+    stand = load_run("stand", None, robot, settings.entry) if start is Start.STAND else None
+    rig = simulated_rig(robot, settings, run, options, stand=stand)
     unruly = dataclasses.replace(rig, settings=without_body_rules(settings))
     safety = settings.safety
     saturation_s = safety.torque_saturation.for_s

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.clock import SimulatedClock
 from deploy.actor_run import ActorRun
-from deploy.episode import EpisodeRig, run_episode
+from deploy.episode import run_episode, simulated_rig
 from deploy.preflight import Check
 from deploy.settings import DeploySettings
-from hal.simulated.mujoco import MujocoBackend
 from motion.envelope import envelope_from, novelty
 from motion.filter import judge
 from robot.robot import Robot
@@ -44,35 +42,15 @@ def rehearse(run: ActorRun, robot: Robot, settings: DeploySettings, say: Callabl
     if run.actor.spec.follows != "any_clip":
         return []
     say(f"rehearsing {run.name} in simulation, {EPISODES} times {run.duration_s:.1f} s")
-    ended, errors_mm, faults = 0, [], []
+    options, faults, errors_mm = load_sim_options("default"), [], []
     for episode in range(EPISODES):
-        result = run_episode(
-            _rig(run, robot, settings, randomize=episode > 0),
-            np.random.default_rng(episode),
-            start_noise_rad=START_NOISE_RAD,
-        )
-        completed = result.outcome == "completed" and not result.fell
-        ended += completed
-        error_mm = result.metrics["empbpe_mm"]
-        if completed and error_mm is not None:
-            errors_mm.append(error_mm)
-        if not completed:
+        rig = simulated_rig(robot, settings, run, replace(options, randomize=episode > 0))
+        result = run_episode(rig, np.random.default_rng(episode), start_noise_rad=START_NOISE_RAD)
+        if result.fell or result.outcome != "completed":
             faults.append(f"at {result.steps * run.period_s:.1f} s {result.fault or 'a fall'}")
-    found = f"{ended} of {EPISODES} to the end in simulation"
+        elif (error_mm := result.metrics["empbpe_mm"]) is not None:
+            errors_mm.append(error_mm)
+    found = f"{EPISODES - len(faults)} of {EPISODES} to the end in simulation"
     if errors_mm:
         found += f", {np.mean(errors_mm):.0f} mm off"
-    return [Check(f"rehearsal {run.name}", ended == EPISODES, "; ".join([found, *faults]))]
-
-
-def _rig(run: ActorRun, robot: Robot, settings: DeploySettings, *, randomize: bool) -> EpisodeRig:
-    clock, options = SimulatedClock(), load_sim_options("default")
-    backend = MujocoBackend(
-        robot,
-        clock,
-        replace(options, randomize=randomize),
-        control_period_s=run.period_s,
-        scene=run.scene,
-        gantry=False,
-    )
-    backend.open()
-    return EpisodeRig(robot, robot.kinematics, settings, backend, clock, run)
+    return [Check(f"rehearsal {run.name}", not faults, "; ".join([found, *faults]))]

@@ -3,6 +3,7 @@
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from hal.simulated.mujoco import MujocoBackend
 from motion.metrics import METRIC_KEYS, Track
 from robot.kinematics import Kinematics
 from robot.robot import Robot
+from world.options import SimOptions
 
 WATCH_AFTER_TRIP_S = 2.0
 
@@ -48,6 +50,30 @@ class EpisodeRig:
     actor: ActorRun
     stand: ActorRun | None = None
     report_only: bool = False
+
+
+def simulated_rig(
+    robot: Robot,
+    settings: DeploySettings,
+    actor: ActorRun,
+    options: SimOptions,
+    *,
+    stand: ActorRun | None = None,
+    sim_model: Path | None = None,
+) -> EpisodeRig:
+    """A rig with a simulated robot in the scene of the actor's clip; on the gantry where there is ``stand``."""
+    clock = SimulatedClock()
+    backend = MujocoBackend(
+        robot,
+        clock,
+        options,
+        control_period_s=actor.period_s,
+        scene=actor.scene,
+        sim_model=sim_model,
+        gantry=stand is not None,
+    )
+    backend.open()
+    return EpisodeRig(robot, robot.kinematics, settings, backend, clock, actor, stand, report_only=options.report_only)
 
 
 @dataclass(frozen=True)

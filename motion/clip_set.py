@@ -66,12 +66,17 @@ class NamedClip:
 
 
 def open_clips(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
-    """Clips by names, in files, in folders and in manifests, in that order. InputError where one is none."""
+    """Clips by names, in files, in folders and in manifests, in that order.
+
+    Raises:
+        InputError: one is none, or two have the same name, so that nobody could tell which is meant.
+    """
     clips: list[NamedClip] = []
     for motion in motions:
         is_set = Path(motion).is_dir() or Path(motion).suffix in MANIFEST_ENDINGS
         found = open_clip_set(motion, robot) if is_set else (NamedClip(Path(motion).stem, open_motion(motion, robot)),)
         clips += found
+    distinct("--motion", [clip.name for clip in clips], "two clips of the same name")
     return tuple(clips)
 
 

@@ -15,7 +15,6 @@ Envelope = Mapping[str, tuple[float, float]]
 
 TRAINED_ON = "trained_on"  # key of an actor's provenance
 TOLERANCE = 0.05  # of a quantity's range: a value so little beyond is still inside
-FAMILIAR_SHARE = 0.01  # of a motion's ticks
 
 
 def envelope_of(references: Iterable[Reference], robot: Robot) -> dict[str, tuple[float, float]]:
@@ -42,11 +41,6 @@ class Novelty:
 
     share: float
     worst: str
-
-    @property
-    def familiar(self) -> bool:
-        """Whether it stays inside, but for moments."""
-        return self.share <= FAMILIAR_SHARE
 
     def __str__(self) -> str:
         if not self.worst:

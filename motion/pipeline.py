@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from core.config import config_file
 from core.errors import InputError
 from motion.clip import Clip
 from motion.contact import contact_of, staying_contact
@@ -52,8 +53,9 @@ class ProcessRequest:
         return {key: value.name if isinstance(value, Path) else value for key, value in given.items() if value}
 
     def settings_sha256(self) -> str:
-        """Of the files with the settings of all steps."""
-        files = (PROCESS, SETTINGS / f"{load_robot(self.robot).name}.yaml")
+        """Of the files with the settings of all steps, and of the robot's."""
+        robot = load_robot(self.robot)
+        files = (PROCESS, SETTINGS / f"{robot.name}.yaml", config_file("robot", self.robot), robot.mjcf_path)
         return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()
 
 

@@ -5,13 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from core.clock import SimulatedClock
 from core.errors import InputError
-from deploy.actor_run import ActorRun
 from deploy.actors import load_run, load_runs
-from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode
+from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
 from deploy.settings import load_settings
-from hal.simulated.mujoco import MujocoBackend
 from motion.clip_set import open_clips
 from robot.robot import load_robot
 from sim2sim.episode import EpisodeScore
@@ -50,7 +47,14 @@ class Player:
         """One episode of one actor with one clip; depends on nothing that was played before."""
         request = self.request
         if run not in self._rigs:
-            self._rigs[run] = self._rig(self.runs[run])
+            self._rigs[run] = simulated_rig(
+                self.robot,
+                self._settings,
+                self.runs[run],
+                request.sim_options(),
+                stand=self._stand,
+                sim_model=request.sim_model,
+            )
         result = run_episode(
             self._rigs[run],
             request.generator(episode),
@@ -58,29 +62,6 @@ class Player:
             start_noise_rad=request.start_noise_rad,
         )
         return score_of(result)
-
-    def _rig(self, run: ActorRun) -> EpisodeRig:
-        request, options, clock = self.request, self.request.sim_options(), SimulatedClock()
-        backend = MujocoBackend(
-            self.robot,
-            clock,
-            options,
-            control_period_s=self.period_s,
-            scene=run.scene,
-            sim_model=request.sim_model,
-            gantry=request.start == "stand",
-        )
-        backend.open()
-        return EpisodeRig(
-            robot=self.robot,
-            kinematics=self._kinematics,
-            settings=self._settings,
-            backend=backend,
-            clock=clock,
-            actor=run,
-            stand=self._stand,
-            report_only=options.report_only,
-        )
 
 
 def run_names(policies: Sequence[str]) -> list[str]:

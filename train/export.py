@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import onnxruntime
 import torch
+from torch import nn
 
 from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
@@ -24,7 +25,6 @@ from robot.robot import Robot
 from train.compact import round_to_half, with_half_weights
 from train.learner.networks import ActorNetwork
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
-from train.world_model.policy import BoundedResidual
 
 TOLERANCE = 1e-5
 _OPSET = 17
@@ -61,15 +61,15 @@ def actor_spec(
 def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -> str:
     """Write the actor to ``path``, which appears only when it is proven and complete; return the file's SHA-256.
 
-    A tracker's weights are stored in half precision.
+    Weights that training used no finer than half precision are stored in it.
 
     Raises:
         ExportError: torch and onnxruntime differ by more than 1e-5 (relative to the largest action above 1).
     """
     twin = actor.deployed().cpu()
     group = spec.observations[0].name
-    if isinstance(twin.mlp, BoundedResidual):
-        round_to_half(twin.mlp)
+    if actor.mlp.half_suffices:
+        round_to_half(cast(nn.Module, twin.mlp))
     graph = with_half_weights(to_onnx(twin, group))
     verify(twin, graph, group)
     with replacing(path) as unfinished:

@@ -34,7 +34,7 @@ class Setup:
     clips: tuple[NamedClip, ...] = ()
     source: Source | None = None
 
-    @property
+    @cached_property
     def references(self) -> dict[str, Reference]:
         """What is tracked, by name."""
         clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)

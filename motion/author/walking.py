@@ -87,8 +87,7 @@ def walk_keys(walk: Walk, feet_m: Mapping[str, Place], hands_m: Mapping[str, Seq
             keys.append({"at_s": at_s, "pose": "standing", "hold": ["all"]})
             continue
         steps, pose = _steps(walk, speeds, pose)
-        for key in _stretch_keys(walk, steps, at_s, feet_m, hands_m):
-            keys.append(key)
+        keys += _stretch_keys(walk, steps, at_s, feet_m, hands_m)
         at_s = keys[-1]["at_s"]
     return _rounded([*keys, *_ending(at_s, pose)])
 

@@ -30,7 +30,8 @@ class Record:
     Attributes:
         name: of the clip.
         file: name of the input, without its folder; sha256: of its bytes.
-        options: how it was processed, plain values; settings_sha256: of the files with the settings.
+        options: how it was processed, plain values; settings_sha256: of the files with the settings
+            and the robot.
         notes: what was assumed or detected on the way.
         before: the motion as it was read, cut to the wanted span; its verdict: input_verdict.
         after: the same span on the robot; change: how far that is from a robot's motion as read, None for a person's.

@@ -1,6 +1,7 @@
 """Clips that an actor gets at run time."""
 
 import contextlib
+from dataclasses import replace
 
 import pytest
 
@@ -76,11 +77,35 @@ def test_what_nobody_can_perform_is_refused_on_a_real_wire_alone(still, tmp_path
     clip = standing_clip(2.0)
     flying = clip.root_pos_w.copy()
     flying[:, 2] += 0.5
-    save_clip(type(clip)(**{**vars(clip), "root_pos_w": flying}), tmp_path / "flying.npz")
+    save_clip(replace(clip, root_pos_w=flying), tmp_path / "flying.npz")
     (run,) = runs_of(still, str(tmp_path / "flying.npz"))
     real, simulated = (check_clip(run, ROBOT, binding=binding)[0] for binding in (True, False))
     assert not real.passed and simulated.passed
     assert "floating" in real.found and real.found == simulated.found
+
+
+def test_preflight_asks_it_before_anything_is_energised(still, tmp_path, monkeypatch):
+    clip = standing_clip(2.0)
+    flying = clip.root_pos_w.copy()
+    flying[:, 2] += 0.5
+    save_clip(replace(clip, root_pos_w=flying), tmp_path / "flying.npz")
+    written = []
+    monkeypatch.setattr("hal.simulated.mock.MockBackend.write", lambda self, command: written.append(command))
+    monkeypatch.setattr("deploy.session._verified", lambda *parts: [])
+    monkeypatch.setattr(RunOptions, "on_real_wire", property(lambda self: True))
+    options = RunOptions("mock", (still,), (str(tmp_path / "flying.npz"),), first_run_ok=True, start=Start.REFERENCE)
+    monkeypatch.setattr(RunOptions, "check", lambda self: None)
+    with pytest.raises(PreflightRefused, match=r"preflight refused: clip flying: .*floating"):
+        run_session(options, SwitchesAtTick(-1), Voice())
+    assert not written
+
+
+def test_two_clips_of_one_name_are_refused(still, tmp_path):
+    (tmp_path / "other").mkdir()
+    for folder in (tmp_path, tmp_path / "other"):
+        save_clip(standing_clip(0.2), folder / "brief.npz")
+    with pytest.raises(InputError, match="two clips of the same name"):
+        runs_of(still, str(tmp_path / "brief.npz"), str(tmp_path / "other" / "brief.npz"))
 
 
 def test_a_rehearsal_passes_where_simulation_ends_with_the_clip_and_says_where_it_does_not(still, tmp_path):

@@ -3,7 +3,8 @@
 import torch
 
 from tests.train.worlds import g1, settings, swaying_reference
-from train.mdp.evaluator import FALL_COST, NoisyStartEvaluator
+from train.mdp.evaluator import FALL_COST, STARTS, NoisyStartEvaluator
+from train.mdp.factory import build_environment
 
 SECONDS = 0.8
 
@@ -54,3 +55,21 @@ def test_who_collapses_is_told_how_far_it_got():
     assert figures["nominal_falls"] == figures["randomized_falls"] == 1.0
     assert 0.3 / SECONDS < figures["nominal_length_ratio"] < 1.0
     assert figures["score"] >= FALL_COST
+
+
+def test_each_of_several_clips_is_judged_equally_often(monkeypatch):
+    """More clips than starts: none is left out, whose figure would be no number."""
+    monkeypatch.setattr("train.mdp.evaluator.STARTS", {"nominal": 2, "randomized": 4})
+    built = []
+
+    def counted(*arguments, **named):
+        built.append(named["num_envs"])
+        return build_environment(*arguments, **named)
+
+    monkeypatch.setattr("train.mdp.evaluator.build_environment", counted)
+    robot = g1()
+    references = {name: swaying_reference(robot, 0.2) for name in ("a", "b", "c")}
+    evaluator = NoisyStartEvaluator(settings(), robot, references, seed=1, threads=2)
+    figures = evaluator.evaluate(lambda observation: torch.zeros(len(observation), robot.num_joints))
+    assert built == [3, 6]
+    assert [figures[f"{kind}_clip/{name}/survival"] for kind in STARTS for name in references] == [1.0] * 6

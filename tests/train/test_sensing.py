@@ -73,6 +73,9 @@ def test_an_encoder_that_is_off_shows_in_the_observation_and_moves_the_joint():
     assert torch.allclose(seen - (off.state.physics.joint_pos_rad - default), offset, atol=1e-6)
     action = torch.zeros(6, ROBOT.num_joints)
     assert torch.allclose(exact.targets_of(action) - off.targets_of(action), offset, atol=1e-6)
+    held = off.targets_of(action)
+    off.step(action)
+    assert torch.equal(off.simulator._targets[:, 0], held)  # what the step sends to the motors
 
 
 def test_a_late_sensor_shows_the_state_between_two_steps_and_the_critic_the_true_one():

@@ -59,6 +59,8 @@ class Mlp(nn.Module):
         self.output = _linear(sizes[-1], outputs, generator, output_gain)
         self.low_precision = precision == "bf16"
 
+    half_suffices = False  # the last layer is in fp32
+
     def stored(self, x: Tensor) -> Tensor:
         """x as its first layer takes it: half of the size in bf16."""
         return x.bfloat16() if self.low_precision else x
@@ -104,6 +106,11 @@ class Residual(Protocol):
 
     input_size: int
     low_precision: bool
+
+    @property
+    def half_suffices(self) -> bool:
+        """Whether no product sees its weights finer than half precision holds them."""
+        ...
 
     @property
     def output(self) -> nn.Linear:

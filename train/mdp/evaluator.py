@@ -19,10 +19,8 @@ from train.mdp.settings import (
 )
 from train.mdp.tracking import TrackingEnv
 
-STARTS = {
-    "nominal": 24,
-    "randomized": 96,
-}  # or a little more, the same of each clip: who falls differs by chance, how far off one is hardly
+# Who falls differs by chance, how far off one is hardly. Of several clips there are a little more: of each the same.
+STARTS = {"nominal": 24, "randomized": 96}
 START_NOISE_RAD = 0.02
 FALL_HEIGHT_SHARE = 0.4
 FALL_COST = 1000.0

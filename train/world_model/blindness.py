@@ -13,7 +13,6 @@ from train.mdp.state import EnvState
 from train.mdp.tracking import CONTACT_FORCE_N
 from train.world_model.context import context_of
 from train.world_model.fitting import ModelFitting
-from train.world_model.model import WorldModel
 from train.world_model.ring import Ring
 from train.world_model.state import unpack
 
@@ -94,7 +93,7 @@ def blind_spots(learner: "WorldModelLearner", robot: Robot, observations: Mappin
 
 def _losses(fitting: ModelFitting, ring: Ring, times: Tensor, robots: Tensor) -> Tensor:
     """The fitting's loss (n,) of single steps."""
-    model: WorldModel = fitting.model
+    model = fitting.model
     before = ring.at(times, robots)
     context = context_of(before.context, before.target.shape[1])
     queue = ring.targets_before(times, robots, before.age, before.target)

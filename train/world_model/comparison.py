@@ -70,8 +70,8 @@ class Comparison:
         segments, targets = self.ring.segments(times, robots), self.ring.targets(times[:-1], robots)
         before = self.ring.targets_before(times[0], robots, first.age, first.target)
         model.prepare()
-        joints = states.shape[-1] // 2 - 6
-        played = model.play(unpack(states[0]), targets.unbind(0), before, context_of(first.context, joints))
+        context = context_of(first.context, first.target.shape[1])
+        played = model.play(unpack(states[0]), targets.unbind(0), before, context)
         figures = {}
         for steps in OPEN_LOOP_STEPS:
             whole = (segments[: steps + 1] == segments[:1]).all(dim=0)

@@ -167,8 +167,8 @@ class WorldModelLearner:
         return {**losses, "model/skipped": float(self.fitting.skipped), **self._figures, **self._compared()}
 
     def _compared(self) -> dict[str, float]:
-        """What the world model foretells beside what happened, every few rounds."""
-        if self._updates % (COMPARE_ROUNDS * self._settings.round):
+        """What the world model foretells beside what happened; between rounds, every few of them."""
+        if self._in_round or self._updates // self._settings.round % COMPARE_ROUNDS:
             return {}
         compared: dict[str, float] = self._call("compare", self.ring.next, self.ring.count)
         return compared

@@ -118,6 +118,11 @@ class BoundedResidual(nn.Module):
     def low_precision(self, value: bool) -> None:
         self.network.low_precision = value
 
+    @property
+    def half_suffices(self) -> bool:
+        """See :class:`train.learner.networks.Residual`: bf16 is coarser, in every layer."""
+        return self.low_precision
+
     def stored(self, x: Tensor) -> Tensor:
         """x as it is kept for a later pass."""
         return x

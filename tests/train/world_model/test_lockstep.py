@@ -34,6 +34,22 @@ def test_two_processes_give_the_numbers_of_one():
     assert any("imagined/cost" in row for row in alone_rows)
 
 
+def test_what_is_foretold_is_told_between_rounds_and_changes_nothing(monkeypatch):
+    """By the process of the policy as by this one; SMALL has rounds of two iterations."""
+    quiet, _ = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
+    monkeypatch.setattr("train.world_model.learner.COMPARE_ROUNDS", 1)
+    alone, weights = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
+    beside, others = run("world_model.processes=2", iterations=WARM_UP + ROUNDS)
+    assert alone == beside and same(weights, others)
+    told = [any(name.startswith("foretold/") for name in row) for row in alone]
+    in_rounds = sum("model/window_loss" in row for row in alone)
+    assert sum(told) == in_rounds // 2 > 0 and all(
+        "open_loop/joint_pos_16" in row for row, yes in zip(alone, told) if yes
+    )
+    rest = [{k: v for k, v in row.items() if not k.startswith(("foretold/", "open_loop/"))} for row in alone]
+    assert rest == quiet
+
+
 @pytest.mark.parametrize("at", [3, WARM_UP + 1, WARM_UP + 2], ids=["warm-up", "within a round", "between rounds"])
 def test_a_continued_run_goes_on_to_the_same_numbers(at, tmp_path):
     env, learner = small("world_model.processes=1")
