@@ -89,7 +89,7 @@ def walk_keys(walk: Walk, feet_m: Mapping[str, Place], hands_m: Mapping[str, Seq
         steps, pose = _steps(walk, speeds, pose)
         keys += _stretch_keys(walk, steps, at_s, feet_m, hands_m)
         at_s = keys[-1]["at_s"]
-    return _rounded([*keys, *_ending(at_s, pose)])
+    return _rounded([*keys, *_ending(at_s)])
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def _hand(rest_m: Sequence[float], forward_m: float) -> dict[str, Any]:
     return {"hand_m": [x + forward_m, y, z]}
 
 
-def _ending(at_s: float, pose: Pose) -> list[dict[str, Any]]:
+def _ending(at_s: float) -> list[dict[str, Any]]:
     """Up again, where the walk has ended."""
     risen = {"at_s": at_s + SINK_S + 0.2, "pose": "up again", "pelvis": {"sink_m": 0.0}, "hold": REST}
     return [risen, {"at_s": at_s + SINK_S + 0.2 + END_S, "hold": ["all"]}]

@@ -19,7 +19,7 @@ class Context(NamedTuple):
         features: (N, C) all of it.
         kp_scale, kd_scale: (N, J).
         torque_offset_nm: (N, J).
-        sensing: how the sensors are off, which concerns the critic alone.
+        sensing: how the sensors are off, which changes what the actor sees.
         early, late: (N, 3) how much of the newest target and of the two before acts in each half of a control step.
     """
 
