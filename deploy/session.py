@@ -226,7 +226,6 @@ def _perform(
     options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals, estop: EStop | None
 ) -> Ending:
     """Run the loop."""
-    plan = _begin(options, setup, cell)
     console = Console(setup.voice, setup.backend, setup.clock, refusals=options.attended)
     observers: list[Observer] = [console, *([] if film is None else [film])]
     with contextlib.ExitStack() as stack:
@@ -244,6 +243,7 @@ def _perform(
         stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(setup.voice.say))
+        plan = _begin(options, setup, cell)  # last: a simulated robot that waits for its first tick falls meanwhile
         loop = cell.loop(
             setup.backend,
             setup.clock,

@@ -4,6 +4,7 @@ import contextlib
 
 import pytest
 
+import deploy.session
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.control.states import Request
@@ -76,3 +77,24 @@ def test_motions_of_different_scenes_are_refused(tmp_path):
     options = RunOptions("mujoco", tuple(policies), start=Start.REFERENCE, interactive=True)
     with pytest.raises(InputError, match="motions of different scenes, got high, low, expected one scene"):
         run_session(options, SwitchesAtTick(-1), Voice())
+
+
+def test_a_simulated_robot_is_placed_when_nothing_is_left_to_prepare(tmp_path, monkeypatch):
+    """On the wall clock it would fall while something else is got ready."""
+    done = []
+
+    def noted(name, what):
+        def call(*arguments, **named):
+            done.append(name)
+            return what(*arguments, **named)
+
+        return call
+
+    monkeypatch.setattr("deploy.operator.people.Keyboard", NoKeyboard)
+    monkeypatch.setattr("deploy.session.MonotonicClock", SimulatedClock)
+    monkeypatch.setattr("deploy.session.realtime", noted("realtime", lambda say: contextlib.nullcontext()))
+    for name in ("watching", "people", "no_garbage_collection", "place_at_reference"):
+        monkeypatch.setattr(f"deploy.session.{name}", noted(name, getattr(deploy.session, name)))
+    policy = str(write_linear_actor(tmp_path / "toy.onnx"))
+    run_session(RunOptions("mock", (policy,), start=Start.REFERENCE, interactive=True), SwitchesAtTick(-1), Voice())
+    assert done == ["watching", "people", "no_garbage_collection", "realtime", "place_at_reference"]
