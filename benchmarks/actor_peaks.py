@@ -2,31 +2,35 @@
 """How near bundled actors come to the safety rules' limits, and whether a trip was right.
 
 Peaks are of what the rules see, noise included, over whole episodes that do not fall, while joints are driven: of the
-largest value that lasts as long as the rule asks for. Nominal episodes stand up on the gantry, play and stand; others
-are randomised and begin at the clip's first frame. A tripped episode is played again without rules on the body: where
-the pelvis never sinks below 0.45 m, the trip was false.
+largest value that lasts as long as the rule asks for; of lean, turn and joint speed, away from what the clip asks.
+Nominal episodes stand up on the gantry, play and stand; others are randomised and begin at the clip's first frame.
+A tripped episode is played again without rules on the body: where the pelvis never sinks below 0.45 m, the trip was
+false.
 """
 
 import argparse
 import dataclasses
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 try:
     import numpy as np
 
     from core.files import write_json
-    from deploy.actors import load_run
+    from deploy.actors import load_run, load_runs
     from deploy.control.states import RESTING
     from deploy.control.tick import TickResult
     from deploy.control.timing import PhaseTimer
     from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
-    from deploy.safety.rules import tilt_rad
+    from deploy.safety.body import lean_away_rad, speed_away_rad_s, turn_away_rad_s
+    from deploy.safety.rules import make_sample
     from deploy.safety.trips import ticks_of
     from deploy.settings import DeploySettings, load_settings
     from hal.contract.types import RobotState
     from hal.simulated.mujoco import MujocoBackend
+    from motion.clip_set import NamedClip, open_clips
     from policy.actor import bundled_actors, resolve_actor
     from policy.metadata import read_metadata
     from robot.robot import Robot, load_robot
@@ -38,14 +42,14 @@ except ModuleNotFoundError as error:
 
 FALLEN_M = 0.45
 NEVER = 1e9
-PEAKS = ("tilt_rad", "base_rate_rad_s", "joint_speed_share", "torque_share", "second_torque_share")
+PEAKS = ("tilt_rad", "base_rate_rad_s", "joint_speed_share", "torque_share", "torque_share_of_several")
 
 
 class Watch:
     """An observer: what the rules on the body see, tick by tick, and how low the pelvis gets off the gantry."""
 
-    def __init__(self, robot: Robot, backend: MujocoBackend) -> None:
-        self._robot, self._backend = robot, backend
+    def __init__(self, robot: Robot, backend: MujocoBackend, joints: int) -> None:
+        self._robot, self._backend, self._joints = robot, backend, joints
         self.rows: list[list[float]] = []
         self.lowest_m = math.inf
 
@@ -57,10 +61,11 @@ class Watch:
             self.lowest_m = min(self.lowest_m, float(state.truth.root_pos_w[2]))
         if result.mode in RESTING:
             return
-        speed = float((np.abs(state.joint_vel_rad_s) / self._robot.vel_limit_rad_s).max())
+        sample = make_sample(state, asked=None if result.actor is None else result.actor.asked)
+        speed = float((speed_away_rad_s(sample) / self._robot.vel_limit_rad_s).max())
         torque = np.sort(np.abs(state.joint_torque_nm) / self._robot.torque_limit_nm)
-        rate = math.hypot(*state.imu_ang_vel_b.tolist())
-        self.rows.append([tilt_rad(state.imu_quat_wxyz), rate, speed, float(torque[-1]), float(torque[-2])])
+        strained = float(torque[-self._joints])
+        self.rows.append([lean_away_rad(sample), turn_away_rad_s(sample), speed, float(torque[-1]), strained])
 
     def peaks(self, ticks: tuple[int, ...]) -> list[float]:
         """The largest value of each column that lasts for its number of ticks."""
@@ -74,52 +79,70 @@ def without_body_rules(settings: DeploySettings) -> DeploySettings:
     safety = dataclasses.replace(
         settings.safety,
         position_range=dataclasses.replace(settings.safety.position_range, margin_rad=NEVER),
-        joint_speed=dataclasses.replace(settings.safety.joint_speed, factor=NEVER),
+        joint_speed=dataclasses.replace(settings.safety.joint_speed, factor=NEVER, max_factor=NEVER),
         torque_saturation=dataclasses.replace(settings.safety.torque_saturation, factor=NEVER),
-        tilt=dataclasses.replace(settings.safety.tilt, max_rad=NEVER),
-        base_rate=dataclasses.replace(settings.safety.base_rate, max_rad_s=NEVER),
+        tilt=dataclasses.replace(settings.safety.tilt, away_rad=NEVER, max_rad=NEVER),
+        base_rate=dataclasses.replace(settings.safety.base_rate, away_rad_s=NEVER, max_rad_s=NEVER),
     )
     return dataclasses.replace(settings, safety=safety)
 
 
 def play(rig: EpisodeRig, episode: int, start: Start) -> tuple[EpisodeResult, Watch]:
     """One episode under watch."""
-    watch = Watch(rig.robot, rig.backend)
+    watch = Watch(rig.robot, rig.backend, rig.settings.safety.torque_saturation.joints)
     noise_rad = 0.02 if start is Start.STAND else 0.0
     rng = np.random.default_rng(episode)
     return run_episode(rig, rng, start=start, start_noise_rad=noise_rad, observers=[watch]), watch
 
 
-def measure(name: str, motion: str | None, episodes: int, randomize: bool) -> dict[str, object]:
-    """One row of the table."""
+@dataclasses.dataclass
+class Row:
+    """What the episodes of one actor, with all of its clips, came to. false: trips of episodes that do not fall."""
+
+    actor: str
+    condition: str
+    episodes: int = 0
+    falls: int = 0
+    false: list[str] = dataclasses.field(default_factory=list)
+    peaks: list[list[float]] = dataclasses.field(default_factory=list)
+
+    def figures(self) -> dict[str, object]:
+        """For the table: the largest peaks of all episodes that ended well."""
+        counts = {"episodes": self.episodes, "falls": self.falls, "false_trips": len(self.false)}
+        largest = np.max(self.peaks, axis=0).tolist() if self.peaks else [math.nan] * len(PEAKS)
+        return {"actor": self.actor, "condition": self.condition} | counts | dict(zip(PEAKS, largest))
+
+
+def measure(name: str, clips: Sequence[NamedClip], episodes: int, randomize: bool) -> Row:
+    """Play `episodes` of each clip, or of the actor's own where there are none."""
     robot, settings = load_robot(), load_settings()
     start = Start.REFERENCE if randomize else Start.STAND
-    run = load_run(name, motion, robot, settings.entry)
     options = dataclasses.replace(load_sim_options("default"), randomize=randomize)
     stand = load_run("stand", None, robot, settings.entry) if start is Start.STAND else None
-    rig = simulated_rig(robot, settings, run, options, stand=stand)
-    unruly = dataclasses.replace(rig, settings=without_body_rules(settings))
-    safety = settings.safety
+    row = Row(name if not clips else f"{name}, {len(clips)} clips", "randomised" if randomize else "nominal")
+    for run in load_runs([name], clips, robot, settings.entry):
+        rig = simulated_rig(robot, settings, run, options, stand=stand)
+        _play_all(rig, episodes, start, row)
+        rig.backend.close()
+    print(f"{row.actor}: {row.falls} falls; false trips: {row.false or 'none'}", file=sys.stderr)
+    return row
+
+
+def _play_all(rig: EpisodeRig, episodes: int, start: Start, row: Row) -> None:
+    unruly = dataclasses.replace(rig, settings=without_body_rules(rig.settings))
+    safety, period_s = rig.settings.safety, rig.actor.period_s
     saturation_s = safety.torque_saturation.for_s
     lasting_s = (safety.tilt.for_s, safety.base_rate.for_s, safety.joint_speed.for_s, saturation_s, saturation_s)
-    ticks = tuple(ticks_of(seconds, run.period_s) for seconds in lasting_s)
-    peaks, falls, false = [], 0, []
+    ticks = tuple(ticks_of(seconds, period_s) for seconds in lasting_s)
     for episode in range(episodes):
+        row.episodes += 1
         result, watch = play(rig, episode, start)
-        if result.outcome != "tripped":
-            peaks.append(watch.peaks(ticks))
-            continue
-        if play(unruly, episode, start)[1].lowest_m < FALLEN_M:
-            falls += 1
+        if result.outcome == "completed":
+            row.peaks.append(watch.peaks(ticks))
+        elif result.outcome == "fell" or play(unruly, episode, start)[1].lowest_m < FALLEN_M:
+            row.falls += 1
         else:
-            false.append(f"episode {episode}: {result.fault}")
-    print(f"{name}: {falls} falls; false trips: {false or 'none'}", file=sys.stderr)
-    row = {
-        "actor": name if motion is None else f"{name}, {motion}",
-        "condition": "randomised" if randomize else "nominal",
-        "episodes": episodes,
-    }
-    return row | {"falls": falls, "false_trips": len(false)} | dict(zip(PEAKS, np.max(peaks, axis=0).tolist()))
+            row.false.append(f"{rig.actor.name}, episode {episode}: {result.fault}")
 
 
 def main() -> int:
@@ -128,17 +151,23 @@ def main() -> int:
     parser.add_argument(
         "--actor", action="append", choices=bundled_actors(), help="default: those that carry their clip"
     )
-    parser.add_argument("--motion", metavar="NAME|FILE", help="clip for an actor that carries none")
     parser.add_argument(
-        "--episodes", type=int, default=100, help="randomised ones of each actor (default: %(default)s)"
+        "--motion", action="append", metavar="FILE", help="clip, folder or manifest for an actor that carries none"
     )
-    parser.add_argument("--nominal", type=int, default=3, help="nominal ones of each actor (default: %(default)s)")
+    parser.add_argument(
+        "--episodes", type=int, default=100, help="randomised ones of each actor and clip (default: %(default)s)"
+    )
+    parser.add_argument("--nominal", type=int, default=3, help="nominal ones (default: %(default)s)")
     parser.add_argument("--json", type=Path, help="where the rows go")
     given = parser.parse_args()
-    rows = []
+    rows: list[dict[str, object]] = []
+    clips = open_clips(given.motion or (), load_robot())
     with_clips = [name for name in bundled_actors() if read_metadata(resolve_actor(name)).spec.motion is not None]
     for name in given.actor or with_clips:
-        rows += [measure(name, given.motion, given.nominal, False), measure(name, given.motion, given.episodes, True)]
+        rows += [
+            measure(name, clips, given.nominal, False).figures(),
+            measure(name, clips, given.episodes, True).figures(),
+        ]
         for row in rows[-2:]:
             print(
                 "  ".join(

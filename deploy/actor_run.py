@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from core.errors import InputError
-from deploy.safety.rules import tilt_rad
+from core.rotations import quat_rotate_inverse
+from deploy.safety.rules import Asked, tilt_rad, up_in_base
 from deploy.settings import EntrySettings
 from hal.contract.types import RobotState
 from motion.clip import Clip
@@ -51,11 +52,17 @@ class ActorRun:
         self._controller = PolicyController(actor, robot)
         self._entry = entry
         self._joint_names = robot.joint_names
+        self._asked = () if reference is None else asked_by(reference)
 
     @property
     def finished(self) -> bool:
         """Whether the clip has been played to its end."""
         return self.tick >= self.num_ticks
+
+    @property
+    def asked(self) -> Asked | None:
+        """What the clip asks of the body now; None where the actor's file carries no table of it."""
+        return self._asked[min(self.tick, self.num_ticks)] if self._asked else None
 
     def start(self) -> None:
         """Tick 0 of the clip, with an empty memory."""
@@ -80,6 +87,13 @@ class ActorRun:
             name = self._joint_names[joint]
             return f"{name} is {distance[joint]:.2f} rad from the start pose of {self.name}, limit {entry.joint_rad}"
         return unsteady(state, entry)
+
+
+def asked_by(reference: Reference) -> tuple[Asked, ...]:
+    """What a clip asks of the body at each of its K+1 ticks."""
+    ang_vel_b = quat_rotate_inverse(reference.root_quat_wxyz, reference.root_ang_vel_w)
+    rows = zip(map(up_in_base, reference.root_quat_wxyz), ang_vel_b, reference.joint_vel_rad_s, strict=True)
+    return tuple(Asked(*row) for row in rows)
 
 
 def unsteady(state: RobotState, entry: EntrySettings) -> str | None:

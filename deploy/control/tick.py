@@ -85,7 +85,9 @@ class Tick:
         if isinstance(reading, DeviceError):
             return self.guard.check_reading(reading)
         moving = self.machine.mode not in RESTING
-        return self.guard.check(make_sample(reading, inference_s, overran), moving=moving)
+        active = self.machine.active
+        asked = None if active is None else active.asked
+        return self.guard.check(make_sample(reading, inference_s, overran, asked), moving=moving)
 
     def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
         machine, guard = self.machine, self.guard

@@ -46,11 +46,13 @@ class Plausibility(TripRule):
         pos_before_rad, vel_before_rad_s, before_s = self._before
         elapsed_s = np.maximum(measured_s - before_s, 0.0)
         step_rad = pos_rad - pos_before_rad
+        # An impact stops a moving joint anywhere between two samples: up to half its speed off their mean.
+        allowed_rad_s = self._mismatch_rad_s + 0.5 * np.abs(vel_before_rad_s)
         mean_rad_s = 0.5 * (vel_rad_s + vel_before_rad_s)
         self.suspect = (
             (np.abs(vel_rad_s) > self._fastest_rad_s)
             | (np.abs(step_rad) > self._fastest_rad_s * gap_s)
-            | (np.abs(step_rad - mean_rad_s * elapsed_s) > self._mismatch_rad_s * gap_s)
+            | (np.abs(step_rad - mean_rad_s * elapsed_s) > allowed_rad_s * gap_s)
         )
         if self.suspect.any():
             joint = int(np.argmax(self.suspect))

@@ -22,13 +22,27 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class Asked:
+    """How a clip asks the body to move now. up_b: which way is up, in the base's frame; (3,), of length 1.
+
+    ang_vel_b: of the base, in its own frame, (3,), rad/s. joint_vel_rad_s: (J,).
+    """
+
+    up_b: np.ndarray
+    ang_vel_b: np.ndarray
+    joint_vel_rad_s: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
 class Sample:
     """One tick as the rules see it. tilt_rad: angle between the base's z and up.
 
+    asked: what the body is to do; None: to rest upright.
     Of the tick before: inference_s, how long the actor took; overran, whether it missed the deadline of this one.
     """
 
     state: RobotState
+    asked: Asked | None
     tilt_rad: float
     age_s: float
     inference_s: float
@@ -78,10 +92,18 @@ def tilt_rad(quat_wxyz: np.ndarray) -> float:
     return math.acos(min(1.0, max(-1.0, cosine))) if math.isfinite(cosine) else math.nan
 
 
-def make_sample(state: RobotState, inference_s: float = 0.0, overran: bool = False) -> Sample:
+def up_in_base(quat_wxyz: np.ndarray) -> np.ndarray:
+    """Unit vector (3,) that points up, in the frame of a base turned by this quaternion."""
+    w, x, y, z = quat_wxyz.tolist()
+    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+
+
+def make_sample(
+    state: RobotState, inference_s: float = 0.0, overran: bool = False, asked: Asked | None = None
+) -> Sample:
     """Derive what the rules share from a state."""
     age_s = max(float(state.joint_age_s.max()), state.imu_age_s)
-    return Sample(state, tilt_rad(state.imu_quat_wxyz), age_s, inference_s, overran)
+    return Sample(state, asked, tilt_rad(state.imu_quat_wxyz), age_s, inference_s, overran)
 
 
 class Tally:

@@ -29,9 +29,10 @@ class Share(Checked):
 
 @dataclass(frozen=True)
 class JointSpeedSettings(Checked):
-    """Likewise, sustained."""
+    """Shares of the joint's speed limit: away from what the clip asks, and at all; sustained."""
 
     factor: float
+    max_factor: float
     for_s: float
 
 
@@ -45,16 +46,18 @@ class PositionRangeSettings(Checked):
 
 @dataclass(frozen=True)
 class TiltSettings(Checked):
-    """Largest lean of the base, sustained."""
+    """Largest lean of the base away from what the clip asks, and at all; sustained."""
 
+    away_rad: float
     max_rad: float
     for_s: float
 
 
 @dataclass(frozen=True)
 class BaseRateSettings(Checked):
-    """Fastest turn of the base about any axis, sustained."""
+    """Fastest turn of the base about any axis, away from what the clip asks, and at all; sustained."""
 
+    away_rad_s: float
     max_rad_s: float
     for_s: float
 
@@ -75,7 +78,10 @@ class TorqueSaturationSettings(Checked):
 
 @dataclass(frozen=True)
 class PlausibilitySettings(Checked):
-    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ."""
+    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ.
+
+    A joint that moves may differ by half its speed more: what it hits stops it at any time between two samples.
+    """
 
     speed: float
     mismatch: float

@@ -36,9 +36,9 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: Trip
         health.Temperature(robot, s.temperature.max_c, ticks(s.temperature.for_s)),
         *winding,
         body.PositionRange(robot, s.position_range.margin_rad, ticks(s.position_range.for_s)),
-        body.JointSpeed(robot, s.joint_speed.factor, ticks(s.joint_speed.for_s)),
-        body.Tilt(s.tilt.max_rad, ticks(s.tilt.for_s)),
-        body.BaseRate(s.base_rate.max_rad_s, ticks(s.base_rate.for_s)),
+        body.JointSpeed(robot, s.joint_speed, ticks(s.joint_speed.for_s)),
+        body.Tilt(s.tilt, ticks(s.tilt.for_s)),
+        body.BaseRate(s.base_rate, ticks(s.base_rate.for_s)),
         body.TorqueSaturation(
             robot, s.torque_saturation.factor, s.torque_saturation.joints, ticks(s.torque_saturation.for_s)
         ),

@@ -94,7 +94,7 @@ def test_three_in_a_row_trip(wrong, tick):
     assert tripped == tick
 
 
-@pytest.mark.parametrize("jump_rad", [0.25, 0.5, 1.0])
+@pytest.mark.parametrize("jump_rad", [0.31, 0.5, 1.0])
 def test_a_zero_that_is_lost_while_running_trips_and_is_the_truth_at_rest(jump_rad):
     guard = Guard(ROBOT, SETTINGS, PERIOD_S)
     for now in range(2):
@@ -114,6 +114,17 @@ def test_the_fastest_movement_is_believed():
         before, speed_rad_s = speed_rad_s, share * ROBOT.vel_limit_rad_s
         pos_rad = pos_rad + 0.5 * (before + speed_rad_s) * PERIOD_S
         moved = state(time_s=tick * PERIOD_S, joint_pos_rad=pos_rad, joint_vel_rad_s=speed_rad_s)
+        assert guard.believed(moved) is moved
+
+
+@pytest.mark.parametrize("stopped_after", [0.0, 0.25, 0.5, 0.75, 1.0])
+def test_a_landing_that_stops_a_joint_between_two_samples_is_believed(stopped_after):
+    """At nine tenths of its limit until then, at rest from then on: how far it got is not what both speeds say."""
+    guard, truth = Guard(ROBOT, SETTINGS, PERIOD_S), state()
+    speed_rad_s = 0.9 * ROBOT.vel_limit_rad_s[KNEE]
+    moved_rad = speed_rad_s * PERIOD_S * np.array([-1.0, 0.0, stopped_after, stopped_after])
+    for tick, (further_rad, now_rad_s) in enumerate(zip(moved_rad, (speed_rad_s, speed_rad_s, 0.0, 0.0))):
+        moved = lie(replace(truth, time_s=tick * PERIOD_S), KNEE, further_rad, now_rad_s)
         assert guard.believed(moved) is moved
 
 
