@@ -13,6 +13,7 @@ from motion.clip_set import NamedClip
 from motion.feedforward import with_feedforward
 from motion.library import open_motion
 from motion.reference import build_reference, joint_columns
+from motion.steering import with_steering
 from policy.actor import load_actor
 from policy.observation import asks_for
 from policy.spec import motion_info
@@ -51,6 +52,8 @@ def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: R
     reference = build_reference(clip, robot, actor.spec.control_period_s)
     if asks_for(actor.spec.observations, "reference_feedforward"):
         reference = with_feedforward(robot, reference)
+    if asks_for(actor.spec.observations, "goal_visible"):
+        reference = with_steering(reference)
     return ActorRun(actor, robot, entry, reference, clip)
 
 

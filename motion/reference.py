@@ -19,7 +19,8 @@ class Reference:
 
     Joints in the robot's order; bodies = the robot's tracked names. Positions m, velocities m/s and rad/s, world frame.
     joint_* (K+1,J); root_* (K+1,3 or 4); body_* (K+1,27,3 or 4); contact (K+1,2); phase (K+1,) = min(1, k*dt/duration).
-    scene: what the clip stands in. feedforward_rad (K+1,J): see :mod:`motion.feedforward`; None where nobody asked.
+    scene: what the clip stands in. feedforward_rad (K+1,J): see :mod:`motion.feedforward`; steering (K+1,4): see
+    :mod:`motion.steering`; None where nobody asked.
     """
 
     dt_s: float
@@ -38,6 +39,7 @@ class Reference:
     phase: np.ndarray
     scene: Scene = FLAT
     feedforward_rad: np.ndarray | None = None
+    steering: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for value in vars(self).values():

@@ -11,11 +11,14 @@ import numpy as np
 from core.errors import InputError
 from policy.action import decode_action
 from policy.actor import Actor
+from policy.goals import visible_in
 from policy.history import ObservationHistory
-from policy.observation import sample_terms, spec_dims, window_ticks
+from policy.observation import asks_for, sample_terms, spec_dims, window_ticks
 from policy.reference import ReferenceMotion, ReferenceWindow, heading_difference_rad, window_at
 from policy.terms import ObservationInput
 from robot.robot import Robot
+
+EVERYTHING = visible_in("full")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,8 @@ class PolicyController:
             group.name: ObservationHistory(group, dims, spec.history_start) for group in spec.observations
         }
         self.window_ticks = window_ticks(spec.observations)
+        follows_goals = asks_for(spec.observations, "goal_visible")
+        self._points = robot.tracked_index(robot.goal_points) if follows_goals else None
         self._kp = self._robot_order(spec.kp, [joint.kp for joint in spec.held_joints])
         self._kd = self._robot_order(spec.kd, [joint.kd for joint in spec.held_joints])
         self._held_rad = [joint.pos_rad for joint in spec.held_joints]
@@ -86,13 +91,15 @@ class PolicyController:
         *,
         reference: ReferenceMotion | None = None,
         tick: int = 0,
+        visible: np.ndarray = EVERYTHING,
         given: Mapping[str, Given] = MappingProxyType({}),
     ) -> PolicyOutput:
         """One control tick. (4,), (3,) rad/s in the base frame, (J,), (J,) and the motion phase in [0, 1].
 
         ``lap`` is called with "observe" and "infer" as these parts end, for whoever times them. ``reference``: the
         clip, for an actor that looks ahead, and the ``tick`` of it that is now; its heading becomes the robot's at the
-        first call after ``reset``. ``given``: commands and maps by name.
+        first call after ``reset``. ``visible`` (V,): which parts of it an actor that follows goals is shown, of
+        :data:`policy.goals.PARTS`. ``given``: commands and maps by name.
         """
         base_quat = np.asarray(base_quat_wxyz, np.float64)
         samples = self._samples(
@@ -104,7 +111,7 @@ class PolicyController:
                 last_action=self._last_action,
                 phase=np.array([phase], np.float64),
                 default_pos_rad=self.actor.spec.default_pos_rad,
-                reference=self._window(base_quat, reference, tick),
+                reference=self._window(base_quat, reference, tick, visible),
                 given=self._given(given),
             )
         )
@@ -132,13 +139,17 @@ class PolicyController:
             observation=observation,
         )
 
-    def _window(self, base_quat: np.ndarray, reference: ReferenceMotion | None, tick: int) -> ReferenceWindow | None:
+    def _window(
+        self, base_quat: np.ndarray, reference: ReferenceMotion | None, tick: int, visible: np.ndarray
+    ) -> ReferenceWindow | None:
         if not self.window_ticks or reference is None:
             return None
         if self._turn_rad is None:
             here = min(tick, len(reference.root_quat_wxyz) - 1)
             self._turn_rad = heading_difference_rad(base_quat, reference.root_quat_wxyz[here])
-        return window_at(reference, tick, self.window_ticks, self._to_actor, self._turn_rad)
+        return window_at(
+            reference, tick, self.window_ticks, self._to_actor, self._turn_rad, points=self._points, visible=visible
+        )
 
     def _given(self, given: Mapping[str, Given]) -> dict[str, np.ndarray]:
         """What is in force of commands and maps."""

@@ -42,7 +42,7 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
 def _check_given(path: Path, group: ObservationGroup, dims: Mapping[str, int]) -> None:
     known = sorted(set(dims) - set(TERMS))
     for entry in group.terms:
-        if entry.of and entry.of not in known:
+        if TERMS[entry.term].given and entry.of not in known:
             where = f"{path}: observation group {group.name!r}: {entry.term}: of"
             raise InputError("unknown name", where=where, got=entry.of, expected=", ".join(known) or "a declared name")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from policy.goals import POINTS
 from policy.spec import ObservationGroup, ObservationTerm
 
 PBHC_SCALES = {"base_ang_vel": 0.25, "dof_vel": 0.05}  # of every other term 1
@@ -58,6 +59,32 @@ def tracker_actor_group(name: str = "actor_obs") -> ObservationGroup:
     return ObservationGroup(name, (*measured, *compared, *coming))
 
 
+def goals_actor_group(name: str = "actor_obs") -> ObservationGroup:
+    """What trackers see, part by part, each of which may be hidden; besides, where points of the body shall be, how
+    they shall be turned, and how the whole shall move."""
+
+    def ahead(term: str, part: str, *ticks: int, of: str = "") -> ObservationTerm:
+        return ObservationTerm(term, scale=WINDOW_SCALES.get(term, 1.0), ticks=ticks, of=of, part=part)
+
+    def all_points(term: str, suffix: str, *ticks: int) -> list[ObservationTerm]:
+        return [ahead(term, f"{point}{suffix}", *ticks, of=point) for point in POINTS]
+
+    measured = [entry for entry in tracker_actor_group().terms if not entry.ticks]
+    compared = [
+        ahead("reference_joint_error", "joints", 1), ahead("reference_heading", "heading", 1),
+        ahead("goal_steer", "steer", 1),
+        *all_points("goal_point", "", 1, 5, 17), *all_points("goal_turn", "_turn", 1, 17),
+    ]  # fmt: skip
+    coming = [
+        ahead("reference_joint_pos", "joints", 0, *WINDOW_TICKS), ahead("reference_feedforward", "joints", 0),
+        ahead("reference_joint_vel", "joints", 1),
+        ahead("reference_root_height", "posture", *WINDOW_TICKS), ahead("reference_gravity", "posture", *WINDOW_TICKS),
+        ahead("reference_lin_vel", "place", *WINDOW_TICKS), ahead("reference_ang_vel", "heading", *WINDOW_TICKS),
+        ahead("goal_visible", "", 0),
+    ]  # fmt: skip
+    return ObservationGroup(name, (*measured, *compared, *coming))
+
+
 def window_actor_group(name: str = "actor_obs", ticks: tuple[int, ...] = WINDOW_TICKS) -> ObservationGroup:
     """Five ticks of what the robot measures and did, and the reference ``ticks`` ahead: for actors of any clip."""
     terms = [ObservationTerm(term, (0, 1, 2, 3, 4), PBHC_SCALES.get(term, 1.0)) for term in MEASURED]
@@ -68,4 +95,5 @@ def window_actor_group(name: str = "actor_obs", ticks: tuple[int, ...] = WINDOW_
 # Layouts by name; that of PBHC alone has older lags.
 LAYOUTS: dict[str, Callable[..., ObservationGroup]] = {
     "pbhc": pbhc_actor_group, "window": window_actor_group, "tracker": tracker_actor_group,
+    "goals": goals_actor_group,
 }  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 
 from core.errors import InputError
 from core.rotations import array_module
+from policy.goals import POINTS
 from policy.spec import ActorSpec, ObservationGroup, ObservationTerm
 from policy.terms import TERMS, ObservationInput
 
@@ -38,7 +39,7 @@ def spec_dims(spec: ActorSpec) -> dict[str, int]:
 
 def entry_size(entry: ObservationTerm, dims: Mapping[str, int]) -> int:
     """How many numbers ``entry`` has at one lag; what is given has an entry of its own in ``dims``."""
-    if entry.of:
+    if TERMS[entry.term].given:
         return dims[entry.of]
     return dims[entry.term] * max(1, len(entry.ticks))
 
@@ -62,8 +63,10 @@ def check_terms(group: ObservationGroup, where: str | None = None) -> None:
                 "none, as the term does not look ahead" if entry.ticks else "one or more, as the term looks ahead"
             )
             raise InputError("do not fit the term", where=f"{at}: ticks", got=list(entry.ticks), expected=expected)
-        if TERMS[entry.term].given != bool(entry.of):
-            expected = "nothing" if entry.of else "the name of a command or map"
+        named = TERMS[entry.term].given or TERMS[entry.term].pointed
+        if named != bool(entry.of) or (TERMS[entry.term].pointed and entry.of not in POINTS):
+            points = f"one of {', '.join(POINTS)}" if TERMS[entry.term].pointed else "the name of a command or map"
+            expected = points if named else "nothing"
             raise InputError("does not fit the term", where=f"{at}: of", got=repr(entry.of), expected=expected)
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from core.rotations import quat_from_axis_angle, quat_mul, yaw_of
+from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate, yaw_of
 
 Array = Any  # np.ndarray or torch.Tensor
 
@@ -28,6 +28,11 @@ class ReferenceWindow:
     root_lin_vel_w: Array  # (..., K, 3)
     root_ang_vel_w: Array  # (..., K, 3)
     feedforward_rad: Array | None = None  # (..., K, J), from the joint positions to the targets that carry the motion
+    # For actors that follow goals, else None. Of P points and V parts: see policy.goals.
+    points_m: Array | None = None  # (..., K, P, 3), along the ground from where the root is now, above the floor
+    points_quat_wxyz: Array | None = None  # (..., K, P, 4)
+    steer: Array | None = None  # (..., K, 4): speed forward and left m/s, turn rad/s, heading rad
+    visible: Array | None = None  # (..., V), 1 or 0
 
     def columns(self, ticks: Sequence[int]) -> list[int]:
         """Where ``ticks`` stand among those of the window. ValueError where one is missing."""
@@ -51,15 +56,27 @@ class ReferenceMotion(Protocol):
     def root_ang_vel_w(self) -> np.ndarray: ...
     @property
     def feedforward_rad(self) -> np.ndarray | None: ...
+    @property
+    def body_pos_w(self) -> np.ndarray: ...
+    @property
+    def body_quat_wxyz(self) -> np.ndarray: ...
+    @property
+    def steering(self) -> np.ndarray | None: ...
 
 
 def window_at(
-    rows: ReferenceMotion, tick: int, ticks: tuple[int, ...], joints: np.ndarray, turn_rad: float = 0.0
+    rows: ReferenceMotion,
+    tick: int,
+    ticks: tuple[int, ...],
+    joints: np.ndarray,
+    turn_rad: float = 0.0,
+    points: np.ndarray | None = None,
+    visible: np.ndarray | None = None,
 ) -> ReferenceWindow:
     """What lies ``ticks`` ahead of ``tick``; beyond the clip's end its last pose, at rest.
 
     ``joints``: the actor's joints as columns of ``rows``. ``turn_rad``: the robot's heading minus the clip's when the
-    actor took over.
+    actor took over. ``points``: of an actor that follows goals, the points as columns of ``rows``; ``visible`` (V,).
     """
     wanted = tick + np.array(ticks, dtype=int)
     index = np.minimum(wanted, len(rows.joint_pos_rad) - 1)
@@ -76,7 +93,34 @@ def window_at(
         root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
         root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
         feedforward_rad=None if rows.feedforward_rad is None else rows.feedforward_rad[index][:, joints],
+        **({} if points is None else _goal(rows, tick, index, moving, turn_rad, points, visible)),
     )
+
+
+def _goal(
+    rows: ReferenceMotion,
+    tick: int,
+    index: np.ndarray,
+    moving: np.ndarray,
+    turn_rad: float,
+    points: np.ndarray,
+    visible: np.ndarray | None,
+) -> dict[str, Any]:
+    """What only actors that follow goals see."""
+    turn = quat_from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(turn_rad))
+    steering = rows.steering
+    assert steering is not None, "built for an actor that follows goals"
+    steer = steering[index] * np.concatenate([np.repeat(moving, 3, axis=1), np.ones_like(moving)], axis=1)
+    steer[:, 3] += turn_rad
+    here = rows.root_pos_w[min(tick, len(rows.root_pos_w) - 1)] * [1.0, 1.0, 0.0]
+    away = rows.body_pos_w[index][:, points] - here
+    turns = np.broadcast_to(turn, (*away.shape[:2], 4))
+    return {
+        "points_m": quat_rotate(turns, away),
+        "points_quat_wxyz": quat_mul(turns, rows.body_quat_wxyz[index][:, points]),
+        "steer": steer,
+        "visible": visible,
+    }
 
 
 def heading_difference_rad(quat_wxyz: np.ndarray, other_wxyz: np.ndarray) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from core.errors import InputError
 from policy.checks import check_name, check_names, check_number, freeze
+from policy.goals import PARTS
 from policy.inputs import CommandSpec, HeldJoint, MapSpec
 
 SCHEMA_VERSION = 2
@@ -25,7 +26,8 @@ class ObservationTerm:
     """One registered term at some lags; lag 0 is now, and lags stand in the order given.
 
     The value is ``clip(scale * term, ±clip)``. ``ticks``: of a term that looks ahead on the reference, how far.
-    ``of``: of a term that reads a command or a map, its name.
+    ``of``: of a term that reads a command, a map or a point of the body, its name. ``part``: of a goal
+    (:data:`policy.goals.PARTS`), by which the value is zero while that part is hidden.
     """
 
     term: str
@@ -34,9 +36,12 @@ class ObservationTerm:
     clip: float = 100.0
     ticks: tuple[int, ...] = ()
     of: str = ""
+    part: str = ""
 
     def __post_init__(self) -> None:
         where = f"observation term {self.term!r}"
+        if self.part and self.part not in PARTS:
+            raise InputError("no part of a goal", where=where, got=self.part, expected=", ".join(PARTS))
         check_name(self.term, "observation term")
         bad = [lag for lag in self.lags if isinstance(lag, bool) or not isinstance(lag, int) or not 0 <= lag <= MAX_LAG]
         if bad or not self.lags or len(set(self.lags)) != len(self.lags):

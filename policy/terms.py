@@ -21,6 +21,7 @@ from core.rotations import (
     yaw_quat,
 )
 from core.rotations import projected_gravity as gravity_in_body
+from policy.goals import PARTS, POINTS
 from policy.reference import ReferenceWindow
 from policy.spec import ObservationTerm
 
@@ -50,7 +51,8 @@ class ObservationInput:
 class Term:
     """A registered term: its function and its size, ``per_joint`` · J + ``constant``, for each tick if ``windowed``.
 
-    A ``given`` term hands on what is given at run time under the name that its use says: a command or a map.
+    A ``given`` term hands on what is given at run time under the name that its use says: a command or a map. A
+    ``pointed`` one looks at the point of the body that its use names.
     """
 
     function: Callable[..., Array]
@@ -58,11 +60,18 @@ class Term:
     constant: int
     windowed: bool
     given: bool
+    pointed: bool
 
     def sample(self, entry: ObservationTerm, s: ObservationInput) -> Array:
-        """The unscaled value (..., n) of ``entry``, a use of this term."""
+        """The unscaled value (..., n) of ``entry``, a use of this term; zero while its part of the goal is hidden."""
+        value = self._value(entry, s)
+        return _shown(value, s.reference, entry.part) if entry.part else value
+
+    def _value(self, entry: ObservationTerm, s: ObservationInput) -> Array:
         if self.given:
             return self.function(s, entry.of)
+        if self.pointed:
+            return self.function(s, entry.ticks, POINTS.index(entry.of))
         return self.function(s, entry.ticks) if self.windowed else self.function(s)
 
 
@@ -70,19 +79,19 @@ TERMS: dict[str, Term] = {}
 
 
 def register(
-    *, per_joint: int = 0, constant: int = 0, windowed: bool = False, given: bool = False
+    *, per_joint: int = 0, constant: int = 0, windowed: bool = False, given: bool = False, pointed: bool = False
 ) -> Callable[[Function], Function]:
     """Register the decorated function under its own name. ValueError if the name is taken.
 
     A ``windowed`` term takes ``(s, ticks)`` and looks at the reference that many ticks ahead, tick by tick; a ``given``
-    one takes ``(s, name)``.
+    one takes ``(s, name)``, a ``pointed`` one ``(s, ticks, point)``.
     """
 
     def add(function: Function) -> Function:
         name = function.__name__
         if name in TERMS:
             raise ValueError(f"observation term {name!r} is registered twice")
-        TERMS[name] = Term(function, per_joint, constant, windowed, given)
+        TERMS[name] = Term(function, per_joint, constant, windowed or pointed, given, pointed)
         return function
 
     return add
@@ -200,6 +209,41 @@ def reference_ang_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
     return _in_heading(window.root_ang_vel_w[..., columns, :], window.root_quat_wxyz[..., columns, :])
 
 
+@register(constant=3, pointed=True)
+def goal_point(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
+    """Where a point of the reference is, seen from where its root is now, in the robot's heading frame; above the
+    floor; m."""
+    window, columns = _window(s, ticks)
+    return _in_heading(_goal(window.points_m)[..., columns, point, :], s.base_quat_wxyz[..., None, :])
+
+
+@register(constant=6, pointed=True)
+def goal_turn(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
+    """How a point's body is turned in the robot's heading frame: x and y axes."""
+    window, columns = _window(s, ticks)
+    heading = quat_conjugate(yaw_quat(s.base_quat_wxyz))[..., None, :]
+    matrix = quat_to_matrix(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, point, :]))
+    return _flat(array_module(matrix).concatenate([matrix[..., :, 0], matrix[..., :, 1]], -1))
+
+
+@register(constant=5, windowed=True)
+def goal_steer(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Speed of the whole movement forward and to its left, m/s, and its turn, rad/s, in its own heading frame; sine and
+    cosine of the angle from the robot's heading to its."""
+    window, columns = _window(s, ticks)
+    steer = _goal(window.steer)[..., columns, :]
+    angle = steer[..., 3] - yaw_of(s.base_quat_wxyz)[..., None]
+    xp = array_module(angle)
+    return _flat(xp.concatenate([steer[..., :3], xp.stack([xp.sin(angle), xp.cos(angle)], -1)], -1))
+
+
+@register(constant=len(PARTS), windowed=True)
+def goal_visible(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Which parts of the goal are not hidden, 1 or 0; the same at every tick."""
+    window, _ = _window(s, ticks)
+    return array_module(s.default_pos_rad).concatenate([_goal(window.visible)] * len(ticks), -1)
+
+
 @register(given=True)
 def command(s: ObservationInput, name: str) -> Array:
     """What the operator asks for (..., n), in the order of the command's fields."""
@@ -216,6 +260,18 @@ def _window(s: ObservationInput, ticks: Sequence[int]) -> tuple[ReferenceWindow,
     if s.reference is None:
         raise InputError("a term looks ahead, but there is no reference", hint="give --motion")
     return s.reference, s.reference.columns(ticks)
+
+
+def _goal(values: Array | None) -> Array:
+    if values is None:
+        raise InputError("a term looks at a goal, but there is none", hint="give --goal")
+    return values
+
+
+def _shown(value: Array, window: ReferenceWindow | None, part: str) -> Array:
+    """Zero, whatever it was, where the part is hidden."""
+    seen = _goal(None if window is None else window.visible)[..., [PARTS.index(part)]] > 0.5
+    return array_module(value).where(seen, value, 0.0 * seen)
 
 
 def _flat(values: Array) -> Array:

@@ -91,6 +91,11 @@ class Robot:
         """Where each of ``names`` stands in ``tracked_names``. Raises InputError on an unknown name."""
         return index_of(names, self.tracked_names, where=f"tracked points of robot {self.name}")
 
+    @property
+    def goal_points(self) -> tuple[str, ...]:
+        """The tracked points that goals speak of: left and right hand, head, left and right foot."""
+        return (*self.hand_head_tracked, *self.feet)
+
     def body_index(self, names: Sequence[str]) -> np.ndarray:
         """Where each of ``names`` stands in ``body_names``. Raises InputError on an unknown name."""
         return index_of(names, self.body_names, where=f"bodies of robot {self.name}")

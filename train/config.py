@@ -52,6 +52,7 @@ class TrainConfig:
     evaluate_every: int | None
     run_dir: str | None
     init_from: str | None
+    init_networks: tuple[Literal["actor", "critic", "model"], ...] | None
     sigma: Literal["adaptive", "coarse", "medium", "upperbound", "lowerbound"]
     value: Literal["vector", "scalar"]
     contact_mask: bool

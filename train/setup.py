@@ -64,12 +64,22 @@ def new_setup(document: dict[str, Any]) -> Setup:
         document = {**document, "robot": str(Path(config.robot).resolve())}
     run_dir = _new_run_dir(config)
     document = {**document, "run_dir": str(run_dir)}
-    source = (
-        None if config.init_from is None else find_source(config.init_from, robot, config.environment.actor_group())
-    )
+    source = _source_of(config, robot)
     setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source)
     _ = setup.references  # what is no reference is refused now
     return setup
+
+
+def _source_of(config: TrainConfig, robot: Robot) -> Source | None:
+    if config.init_from is None:
+        return None
+    source, wanted = find_source(config.init_from, robot, config.environment.actor_group()), config.init_networks
+    if wanted is None:
+        return source
+    if missing := [name for name in wanted if name not in source.networks]:
+        has = ", ".join(source.networks)
+        raise InputError("not there", where="init_networks", got=", ".join(missing), expected=f"of {has}")
+    return replace(source, networks={name: source.networks[name] for name in wanted})
 
 
 def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:

@@ -5,6 +5,7 @@ import pytest
 
 from core.errors import InputError
 from policy.action import decode_action
+from policy.goals import PARTS, POINTS
 from policy.history import ObservationHistory
 from policy.layouts import pbhc_actor_group
 from policy.observation import (
@@ -43,6 +44,10 @@ def random_window(rng, batch, joints) -> ReferenceWindow:
         root_lin_vel_w=rng.normal(size=(*shape, 3)),
         root_ang_vel_w=rng.normal(size=(*shape, 3)),
         feedforward_rad=rng.normal(size=(*shape, joints)),
+        points_m=rng.normal(size=(*shape, len(POINTS), 3)),
+        points_quat_wxyz=random_quat(rng, *shape, len(POINTS)),
+        steer=rng.normal(size=(*shape, 4)),
+        visible=rng.integers(2, size=(*batch, len(PARTS))).astype(float),
     )
 
 
@@ -73,7 +78,8 @@ def as_torch(torch, value):
 
 def entry_of(term: str) -> ObservationTerm:
     """A use of a term with all that it needs."""
-    return ObservationTerm(term, ticks=(1, 6) if TERMS[term].windowed else (), of="steer" if TERMS[term].given else "")
+    of = "steer" if TERMS[term].given else "head" if TERMS[term].pointed else ""
+    return ObservationTerm(term, ticks=(1, 6) if TERMS[term].windowed else (), of=of)
 
 
 @pytest.mark.parametrize("term", sorted(TERMS))
@@ -127,6 +133,10 @@ def test_terms_that_look_ahead_mean_what_they_say():
         root_lin_vel_w=np.array([[9.0, 9.0, 9.0], [-2.0, 0.0, 0.5]]),
         root_ang_vel_w=np.array([[9.0, 9.0, 9.0], [0.0, -3.0, 1.0]]),
         feedforward_rad=np.array([[9.0, 9.0], [0.0625, -0.5]]),
+        points_m=np.array([[[9.0] * 3] * 5, [[9.0] * 3, [9.0] * 3, [1.0, 0.0, 0.5], [9.0] * 3, [9.0] * 3]]),
+        points_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (2, 5, 1)),
+        steer=np.array([[9.0] * 4, [1.0, 0.5, 0.25, np.pi]]),
+        visible=np.arange(15) % 2.0,
     )
     s = replace(
         random_input(np.random.default_rng(0), joints=2),
@@ -147,11 +157,16 @@ def test_terms_that_look_ahead_mean_what_they_say():
         "reference_orientation": [0.0, 0.0, -1.0, -1.0, 0.0, 0.0],
         "reference_ang_vel": [0.0, 3.0, 1.0],
         "reference_lin_vel": [2.0, 0.0, 0.5],
+        "goal_point": [0.0, -1.0, 0.5],  # of the head: the world's +x is on the right of who looks along +y
+        "goal_turn": [0.0, -1.0, 0.0, 1.0, 0.0, 0.0],
+        "goal_steer": [1.0, 0.5, 0.25, 1.0, 0.0],
+        "goal_visible": [0.0, 1.0] * 7 + [0.0],
     }
     assert set(expected) == {name for name, term in TERMS.items() if term.windowed}
     gimbal = {"reference_ang_vel", "reference_lin_vel", "reference_heading"}  # looking straight down has no heading
     for name in expected.keys() - gimbal:
-        np.testing.assert_allclose(TERMS[name].function(s, (2,)), expected[name], atol=1e-15)
+        use = ObservationTerm(name, ticks=(2,), of="head" if TERMS[name].pointed else "")
+        np.testing.assert_allclose(TERMS[name].sample(use, s), expected[name], atol=1e-15)
     upright = replace(window, root_quat_wxyz=np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]))
     for name in gimbal:
         values = TERMS[name].function(replace(s, reference=upright), (2,))

@@ -205,9 +205,11 @@ class Ppo:
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
         """See :class:`train.learner.learner.Learner`. The critic takes another's weights where all of them fit."""
-        copy_weights(trained_weights(self.actor), networks["actor"], "actor")
-        self.average = self._new_average()
-        taken, critic = ["actor"], networks.get("critic", {})
+        taken, critic = [], networks.get("critic", {})
+        if "actor" in networks:
+            copy_weights(trained_weights(self.actor), networks["actor"], "actor")
+            self.average = self._new_average()
+            taken.append("actor")
         own = self.critic.state_dict()
         if critic and not misfits(own, critic):
             copy_weights(own, critic, "critic")

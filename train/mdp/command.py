@@ -1,7 +1,7 @@
 """What is tracked: drawn at each reset, compared with at each step."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -10,6 +10,7 @@ from policy.reference import ReferenceWindow
 from train.mdp.anchor import Anchor
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.failures import FailureRates
+from train.mdp.goals import Goals, visible
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.starts import StartSampler
 from train.mdp.state import EnvState
@@ -58,6 +59,7 @@ class Command:
         self._starts = StartSampler(settings.start, table.num_ticks, generator, recovery)
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
+        self.goals = Goals(settings.goals, generator)
 
     def draw(self, env_ids: torch.Tensor) -> EpisodeStart:
         """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
@@ -74,6 +76,7 @@ class Command:
     def begin(self, state: EnvState, env_ids: torch.Tensor, start: EpisodeStart) -> None:
         """Write the episodes that ``env_ids`` (n,) begin into ``state``."""
         state.clip[env_ids], state.tick[env_ids], state.start_tick[env_ids] = start.clip, start.tick, start.tick
+        state.goal[env_ids] = self.goals.draw(len(env_ids)).to(state.goal.device)
         state.uniform_start[env_ids] = start.uniform
         state.episode_steps[env_ids] = 0
         state.place.write(env_ids, self.anchor.at_start(len(env_ids)))
@@ -88,6 +91,7 @@ class Command:
         if not ticks:
             return None
         window = self.table.window(state.clip[rows], state.tick[rows], ticks)
+        window = replace(window, visible=visible(state.goal[rows]))
         return self.anchor.window(window, state.place.rows(rows))
 
     def phase(self, state: EnvState) -> torch.Tensor:

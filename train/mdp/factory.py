@@ -10,6 +10,7 @@ from motion.feedforward import with_feedforward
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
+from motion.steering import with_steering
 from policy.observation import asks_for
 from robot.robot import Robot
 from train.batch import Device
@@ -43,6 +44,9 @@ def build_environment(
     scene = _shared_scene(references)
     if asks_for([settings.actor_group()], "reference_feedforward"):
         references = {name: with_feedforward(robot, reference) for name, reference in references.items()}
+    follows_goals = asks_for([settings.actor_group()], "goal_visible")
+    if follows_goals:
+        references = {name: with_steering(reference) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -59,7 +63,7 @@ def build_environment(
         randomization=settings.randomization_scale.start,
     )
     recovery = _recovery(settings, robot, scene, device) if settings.start.recovery.share > 0.0 else None
-    table = _table(robot, [*references.values()], device)
+    table = _table(robot, [*references.values()], device, goals=follows_goals)
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
 
@@ -77,5 +81,6 @@ def _shared_scene(references: Mapping[str, Reference]) -> Scene:
     return scene
 
 
-def _table(robot: Robot, references: list[Reference], device: Device) -> ReferenceTable:
-    return ReferenceTable(references, [ground_lift_m(robot, reference) for reference in references], device)
+def _table(robot: Robot, references: list[Reference], device: Device, *, goals: bool = False) -> ReferenceTable:
+    points = robot.tracked_index(robot.goal_points).tolist() if goals else None
+    return ReferenceTable(references, [ground_lift_m(robot, reference) for reference in references], device, points)

@@ -125,10 +125,12 @@ class Observations:
 
 
 def term_slices(group: ObservationGroup, num_joints: int) -> dict[str, slice]:
-    """Where each term at each lag, ``term[lag]``, lies in the group's observation."""
+    """Where each term at each lag, ``term[lag]`` or ``term.of[lag]``, lies in the group's observation."""
     dims, first, found = term_dims(num_joints), 0, {}
     for entry in group.terms:
         for lag in entry.lags:
-            found[f"{entry.term}[{lag}]"] = slice(first, first + entry_size(entry, dims))
+            found[f"{'.'.join(filter(None, (entry.term, entry.of)))}[{lag}]"] = slice(
+                first, first + entry_size(entry, dims)
+            )
             first += entry_size(entry, dims)
     return found

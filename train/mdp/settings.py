@@ -12,6 +12,7 @@ from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
 from train.mdp.events import EventTerm
+from train.mdp.goals import GoalSettings
 from train.mdp.rewards import DIRECT, TRACKING
 from train.mdp.sensing import SensingSettings
 from train.mdp.terminations import TERMINATIONS
@@ -164,6 +165,7 @@ class EnvironmentSettings:
     :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     ``anchor_time_s``: see :class:`train.mdp.anchor.Anchor`.
+    ``goals``: what of the reference robots are shown; None: all.
     """
 
     rewards: dict[str, RewardTerm]
@@ -187,6 +189,7 @@ class EnvironmentSettings:
     randomization: DomainRanges = field(default_factory=DomainRanges)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     sensing: SensingSettings = field(default_factory=SensingSettings)
+    goals: GoalSettings | None = None
 
     def __post_init__(self) -> None:
         for name, term in self.rewards.items():
@@ -228,6 +231,10 @@ class EnvironmentSettings:
             where = "environment.observations"
             raise InputError("unknown layout", where=where, got=self.observations, expected=", ".join(LAYOUTS))
         check_terms(self.actor_group(), "environment.observations")
+        if self.goals is not None and self.anchor_time_s is not None:
+            raise InputError(
+                "not with goals", where="environment.anchor_time_s", got=self.anchor_time_s, expected="null"
+            )
 
     def older_ticks(self) -> tuple[int, ...]:
         """All of ``older_lags``, in order."""

@@ -17,6 +17,7 @@ class EnvState(Batch):
 
     Attributes:
         clip: (B,) which clip is tracked.
+        goal: (B,) bits of the parts of it that the robot is shown; see :mod:`train.mdp.goals`.
         tick: (B,) control tick of the clip that the robot has come to.
         start_tick: (B,) where the episode began.
         episode_steps: (B,) steps since.
@@ -36,6 +37,7 @@ class EnvState(Batch):
     """
 
     clip: torch.Tensor
+    goal: torch.Tensor
     tick: torch.Tensor
     start_tick: torch.Tensor
     episode_steps: torch.Tensor

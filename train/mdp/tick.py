@@ -53,9 +53,16 @@ class ReferenceTable:
         references: one per clip; environments carry a clip index and a tick.
         lift_m: per clip (K+1,), how far a start state is raised so that its lowest sole corner touches the ground.
         device: where the table is.
+        points: of actors that follow goals, which of the tracked points; the references have their steering.
     """
 
-    def __init__(self, references: Sequence[Reference], lift_m: Sequence[np.ndarray], device: Device) -> None:
+    def __init__(
+        self,
+        references: Sequence[Reference],
+        lift_m: Sequence[np.ndarray],
+        device: Device,
+        points: Sequence[int] | None = None,
+    ) -> None:
         self.num_ticks = torch.tensor([reference.num_ticks for reference in references], device=device)
         lengths = self.num_ticks + 2
         self._first_row = torch.cumsum(lengths, 0) - lengths
@@ -65,6 +72,7 @@ class ReferenceTable:
         columns = {name: torch.cat([_held(name, part, device) for part in values]) for name, values in parts.items()}
         self._shapes = {name: column.shape[1:] for name, column in columns.items()}
         self._table = torch.cat([column.reshape(len(column), -1) for column in columns.values()], dim=1)
+        self._goal = None if points is None else _goal_table(references, columns, points, device)
 
     def rows(self, clip: torch.Tensor, tick: torch.Tensor) -> ReferenceRows:
         """Return the rows of ticks (B,) of clips (B,); ticks beyond the end give the last pose, at rest."""
@@ -81,7 +89,18 @@ class ReferenceTable:
         sizes = [self._shapes[name].numel() for name in _WINDOW]
         parts = self._table[:, : sum(sizes)][index].split(sizes, dim=-1)
         joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel, feedforward = parts
-        return ReferenceWindow(ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel, feedforward)
+        goal = {} if self._goal is None else self._goal_at(index, self.rows(clip, tick).root_pos_w)
+        return ReferenceWindow(
+            ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel, feedforward, **goal
+        )
+
+    def _goal_at(self, index: torch.Tensor, here_m: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Points and steering (B, K, ...) of table rows (B, K); places along the ground from ``here_m`` (B, 3)."""
+        assert self._goal is not None
+        points, steer = self._goal[index].split([self._goal.shape[1] - STEERING, STEERING], dim=-1)
+        places, turns = points.unflatten(-1, (-1, 7)).split([3, 4], dim=-1)
+        along = here_m * torch.tensor([1.0, 1.0, 0.0], device=here_m.device)
+        return {"points_m": places - along[:, None, None], "points_quat_wxyz": turns, "steer": steer}
 
 
 # The first columns of the table.
@@ -89,6 +108,22 @@ _WINDOW = (
     "joint_pos_rad", "joint_vel_rad_s", "root_pos_w", "root_quat_wxyz", "root_lin_vel_w", "root_ang_vel_w",
     "feedforward_rad",
 )  # fmt: skip
+
+
+STEERING = 4  # columns: see motion.steering
+
+
+def _goal_table(
+    references: Sequence[Reference], columns: dict[str, torch.Tensor], points: Sequence[int], device: Device
+) -> torch.Tensor:
+    """A row (7 P + 4) for each one of the table: places and turns of the points, point by point, and the steering."""
+    poses = torch.cat([columns["body_pos_w"][:, points], columns["body_quat_wxyz"][:, points]], dim=-1)
+    steering = []
+    for reference in references:
+        assert reference.steering is not None
+        speeds, heading = reference.steering[:, :3], reference.steering[:, 3:]
+        steering.append(torch.cat([_held("_vel_", speeds, device), _held("heading", heading, device)], dim=1))
+    return torch.cat([poses.flatten(1), torch.cat(steering)], dim=1)
 
 
 def _values(reference: Reference, name: str) -> np.ndarray:

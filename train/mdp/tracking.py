@@ -17,6 +17,7 @@ from train.mdp.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage
 from train.mdp.divergence import without_diverged
 from train.mdp.drivers import DriverFigures
 from train.mdp.events import Events
+from train.mdp.goals import errors_by_kind
 from train.mdp.observations import Observations
 from train.mdp.physics import Physics
 from train.mdp.reward_sum import RewardSum
@@ -86,11 +87,12 @@ class TrackingEnv:
 
     def _first_state(self) -> EnvState:
         envs, device = self.num_envs, self.device
-        clip, tick, start_tick, steps = (torch.zeros(envs, dtype=torch.long, device=device) for _ in range(4))
+        clip, goal, tick, start_tick, steps = (torch.zeros(envs, dtype=torch.long, device=device) for _ in range(5))
         physics = self._physics.state()
         bodies = self._physics.bodies(physics)
         return EnvState(
             clip=clip,
+            goal=goal,
             tick=tick,
             start_tick=start_tick,
             episode_steps=steps,
@@ -205,6 +207,7 @@ class TrackingEnv:
         """Of this step, over all environments."""
         return {
             **{name: float(values.mean()) for name, values in self.last_errors.items()},
+            **self._errors_by_goal(),
             "diverged": float(self.diverged.float().mean()),
             "episode_length_ratio": self._length_ratio.value,
             "survival_of_uniform_starts": self.uniform_average.survival,
@@ -213,6 +216,11 @@ class TrackingEnv:
             "randomization": self.simulator.randomization,
             **{f"sigma/{name}": float(v) for name, v in zip(self.rewards.sigma.names, self.rewards.sigma.sigma)},
         }
+
+    def _errors_by_goal(self) -> dict[str, float]:
+        if self.settings.goals is None:
+            return {}
+        return errors_by_kind(self.state.goal, self.last_errors["empbpe_mm"], self.settings.goals.kinds)
 
     def figures(self) -> dict[str, float]:
         """What is known of each clip; see :meth:`train.mdp.command.Command.figures`."""

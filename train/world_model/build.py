@@ -57,7 +57,14 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
         _critic(settings, joints, layout.ahead_size + context, config.precision, stream("critic")),
         handed_over,
         _imagination(settings, env, robot, stream("imagination")),
-        Starts(settings.starts, its_ring := copy.copy(ring), env.command.table, _past(layout), stream("starts")),
+        Starts(
+            settings.starts,
+            its_ring := copy.copy(ring),
+            env.command.table,
+            _past(layout),
+            stream("starts"),
+            env.settings.goals,
+        ),
         rounds * settings.policy.updates,
     )
     for module in (handed_over, learning.averaged):

@@ -1,6 +1,6 @@
 """Rollouts of the policy in the world model, through which gradients pass to the policy."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.mdp.draws import normal, uniform
+from train.mdp.goals import visible
 from train.mdp.sensing import Senses
 from train.mdp.tick import ReferenceRows, ReferenceTable
 from train.world_model.context import Context, context_of
@@ -90,10 +91,10 @@ class Imagination:
         """Both networks are prepared. ``noisy``: whether half of the robots act with noise."""
         steps = self.horizon
         clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1)[:, None]
-        ahead = self._look_ahead(clip, tick)
+        ahead = self._look_ahead(clip, tick, start.goal)
         encoded_ahead = policy.network.encode(ahead[:-1].flatten(0, 1)).unflatten(0, ahead[:-1].shape[:2]).unbind(0)
         carrying = ((ahead[..., self._base[0]] + ahead[..., self._base[1]]) / self._action_scale).unbind(0)
-        compared_with = self._windows(clip, tick, self._ticks[self._compared])
+        compared_with = self._windows(clip, tick, start.goal, self._ticks[self._compared])
         noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros(())] * steps
         context = context_of(start.context, self._joints)
         encoded, offset = model.encode(context), context.sensing.encoder_offset_rad
@@ -123,7 +124,8 @@ class Imagination:
     def first_sight(self, start: Start) -> tuple[Tensor, Tensor, Motion, Motion, Context]:
         """What policies and critics see at the start: (N, S) of the robot, (N, A) ahead; state, reference, context."""
         clip, tick = start.clip[None], start.tick[None]
-        ahead, window = self._look_ahead(clip, tick)[0], self._windows(clip, tick, self._ticks[self._compared])[0]
+        ahead = self._look_ahead(clip, tick, start.goal)[0]
+        window = self._windows(clip, tick, start.goal, self._ticks[self._compared])[0]
         context = context_of(start.context, self._joints)
         last_action = self._actions(start, context)[0]
         senses = self._sense(start.motion, _before(start), context, start.age)
@@ -132,16 +134,21 @@ class Imagination:
         reference = reference_motion(self._table.rows(start.clip, start.tick))
         return torch.cat([*history, compared], dim=1), ahead, start.motion, reference, context
 
-    def _look_ahead(self, clip: Tensor, tick: Tensor) -> Tensor:
+    def _look_ahead(self, clip: Tensor, tick: Tensor, goal: Tensor) -> Tensor:
         """The terms of the reference alone (H + 1, B, A)."""
-        window = self._table.window(clip.flatten(), tick.flatten(), self._ticks[self._ahead])
+        window = self._window(clip, tick, goal, self._ticks[self._ahead])
         return sample_terms(self._ahead, self._seen(None, None, window)).unflatten(0, clip.shape)
 
-    def _windows(self, clip: Tensor, tick: Tensor, ticks: tuple[int, ...]) -> list[ReferenceWindow]:
-        """One for each of the H + 1 moments."""
+    def _window(self, clip: Tensor, tick: Tensor, goal: Tensor, ticks: tuple[int, ...]) -> ReferenceWindow:
+        """Of all H + 1 moments of B robots, one after the other; the goal (B,) stays as it is."""
         window = self._table.window(clip.flatten(), tick.flatten(), ticks)
-        parts = (part.unflatten(0, clip.shape).unbind(0) for part in list(vars(window).values())[1:])
-        return [ReferenceWindow(ticks, *moment) for moment in zip(*parts, strict=True)]
+        return replace(window, visible=visible(goal).repeat(len(clip), 1))
+
+    def _windows(self, clip: Tensor, tick: Tensor, goal: Tensor, ticks: tuple[int, ...]) -> list[ReferenceWindow]:
+        """One for each of the H + 1 moments."""
+        present = {k: v for k, v in vars(self._window(clip, tick, goal, ticks)).items() if isinstance(v, Tensor)}
+        parts = [part.unflatten(0, clip.shape).unbind(0) for part in present.values()]
+        return [ReferenceWindow(ticks, **dict(zip(present, moment))) for moment in zip(*parts, strict=True)]
 
     def _sense(self, motion: Motion, before: Motion, context: Context, age: Tensor) -> Senses:
         """What the robots' sensors make of a state, ``age`` (N,) steps into the episode."""

@@ -102,6 +102,7 @@ class WorldModelLearner:
                 clip=state.clip,
                 tick=state.tick,
                 age=state.episode_steps,
+                goal=state.goal,
                 segment=self._segment,
             )
         )

@@ -52,7 +52,9 @@ class Layout:
         raise InputError("missing term", where="environment.observations", expected=f"{name} of tick 0")
 
 
-COMPARED = ("reference_joint_error", "reference_heading", "reference_orientation")
+COMPARED = (
+    "reference_joint_error", "reference_heading", "reference_orientation", "goal_point", "goal_turn", "goal_steer",
+)  # fmt: skip
 
 
 class CarryingTargets(nn.Module):

@@ -124,12 +124,19 @@ class PolicyLearning:
         }
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
-        """Begin with another training's policy, and its critic where it fits. InputError where the policy does not."""
-        for policy in (self.policy, self.averaged):
-            own = {f"mlp.{name}": value for name, value in policy.state_dict().items()}
-            copy_weights(own, networks["actor"], "actor")
-        self._normalized = True
-        return ["actor", "critic"] if self.critic.start_from(networks.get("critic", {})) else ["actor"]
+        """Begin with another training's policy, where it is given, and its critic where it fits.
+
+        Raises:
+            InputError: the policy does not fit.
+        """
+        taken = []
+        if "actor" in networks:
+            for policy in (self.policy, self.averaged):
+                own = {f"mlp.{name}": value for name, value in policy.state_dict().items()}
+                copy_weights(own, networks["actor"], "actor")
+            self._normalized = True
+            taken.append("actor")
+        return [*taken, "critic"] if self.critic.start_from(networks.get("critic", {})) else taken
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a continued run needs."""

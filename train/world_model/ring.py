@@ -18,6 +18,7 @@ class Steps:
         target: (N, J) joint targets of the step.
         context: (N, C + 6) packed.
         clip, tick, age: (N,) what is tracked, where in it, and the steps since the episode began.
+        goal: (N,) bits of what of it the robot is shown.
         segment: (N,) changes wherever a state does not follow from the one before by a step alone.
     """
 
@@ -27,6 +28,7 @@ class Steps:
     clip: Tensor
     tick: Tensor
     age: Tensor
+    goal: Tensor
     segment: Tensor
 
 
@@ -48,7 +50,7 @@ class Ring:
         # Half precision holds scales and shares to 0.05 %.
         formats = (torch.float32, torch.float32, torch.float16)
         wide = (shared(steps, num_envs, n, dtype=kind) for n, kind in zip(sizes, formats, strict=True))
-        self._stored = Steps(*wide, *(shared(steps, num_envs, dtype=torch.int32) for _ in range(4)))
+        self._stored = Steps(*wide, *(shared(steps, num_envs, dtype=torch.int32) for _ in range(5)))
         self.next, self.count = 0, 0
 
     def write(self, now: Steps) -> None:

@@ -8,6 +8,7 @@ from torch import Tensor
 from core.rotations import quat_from_rotvec, quat_mul
 from train.mdp.draws import normal
 from train.mdp.failures import BIN_TICKS
+from train.mdp.goals import Goals, GoalSettings
 from train.mdp.tick import ReferenceTable
 from train.world_model.ring import Ring
 from train.world_model.settings import StartsSettings
@@ -28,6 +29,7 @@ class Start:
         past_targets: (N, J) each, the targets of those ticks and of the one before them, newest first.
         age: (N,) steps since their episodes began, which tells how much of the past there is.
         clip, tick: (N,) what they track, and where in it they are.
+        goal: (N,) bits of what of it they are shown.
         context: (N, C + 6) packed.
     """
 
@@ -37,6 +39,7 @@ class Start:
     age: Tensor
     clip: Tensor
     tick: Tensor
+    goal: Tensor
     context: Tensor
 
 
@@ -49,13 +52,20 @@ class Starts:
         table: the references.
         past: L.
         generator: source of randomness.
+        goals: what robots are shown; None: everything.
     """
 
     def __init__(
-        self, settings: StartsSettings, ring: Ring, table: ReferenceTable, past: int, generator: torch.Generator
+        self,
+        settings: StartsSettings,
+        ring: Ring,
+        table: ReferenceTable,
+        past: int,
+        generator: torch.Generator,
+        goals: GoalSettings | None = None,
     ) -> None:
         self._settings, self._ring, self._table, self._past = settings, ring, table, past
-        self.generator = generator
+        self.generator, self._goals = generator, Goals(goals, generator)
 
     def draw(self, number: int, hard: Tensor) -> Start:
         """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
@@ -72,7 +82,14 @@ class Starts:
         states = [unpack(torch.nan_to_num(ring.states(at, robots))) for at in past]
         before = [ring.targets((times - lag) % ring.steps, robots) for lag in range(1, self._past + 2)]
         return Start(
-            unpack(torch.nan_to_num(now.state)), tuple(states), tuple(before), now.age, now.clip, now.tick, now.context
+            unpack(torch.nan_to_num(now.state)),
+            tuple(states),
+            tuple(before),
+            now.age,
+            now.clip,
+            now.tick,
+            now.goal,
+            now.context,
         )
 
     def _with_references(self, start: Start, number: int, hard: Tensor) -> Start:
@@ -90,6 +107,7 @@ class Starts:
             age=changed(start.age, torch.zeros_like(tick)),
             clip=changed(start.clip, clip),
             tick=changed(start.tick, tick),
+            goal=changed(start.goal, self._goals.draw(number)),
         )
 
     def _frames(self, number: int, hard: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,6 +1,7 @@
 """A whole small run by the command's parts: trained, exported, played by the deployment's controller, begun from."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import onnx
@@ -50,6 +51,36 @@ def test_another_run_begins_with_its_policy_critic_and_model(trained, tmp_path, 
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     first = next(row["iteration"] for row in rows if "warm_up" not in row)
     assert first == 10 and "model/window_loss" in rows[first - 1] and "imagined/cost" in rows[-1]
+
+
+def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(trained, tmp_path, capsys):
+    """Its policy sees something else; the model is of the robot, whatever it is told to do."""
+    execute([
+        "motion=side_kick", "train=goals", *SMALL[2:], "iterations=13", "evaluate_every=13",
+        f"init_from={trained}", "init_networks=[model]", f"run_dir={tmp_path / 'run'}",
+    ])  # fmt: skip
+    assert "weights of model from" in capsys.readouterr().out
+    rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    assert "imagined/cost" in rows[-1] and any(name.startswith("goal/") for name in rows[-1])
+    run = load_run(tmp_path / "run" / "actor.onnx", "side_kick", load_robot(), load_settings().entry)
+    assert run.reference.steering is not None
+    sees = next(iter(run.act(_standing()).observation.values()))
+    assert np.isfinite(sees).all() and len(sees) == _width(tmp_path / "run" / "actor.onnx")
+
+
+def _standing():
+    robot = load_robot()
+    return SimpleNamespace(
+        imu_quat_wxyz=np.array([1.0, 0.0, 0.0, 0.0]), imu_ang_vel_b=np.zeros(3), joint_pos_rad=robot.default_pos_rad,
+        joint_vel_rad_s=np.zeros(robot.num_joints),
+    )  # fmt: skip
+
+
+def test_a_network_that_a_source_lacks_is_refused(trained, tmp_path):
+    with pytest.raises(InputError, match="init_networks: not there, got model"):
+        execute([
+            *SMALL, "init_networks=[model]", f"init_from={trained / 'actor.onnx'}", f"run_dir={tmp_path / 'run'}",
+        ])  # fmt: skip
 
 
 def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):

@@ -1,0 +1,200 @@
+"""Goals: what is hidden changes nothing, who is shown what, and the same in training, imagination and deployment."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from core.errors import InputError
+from motion.steering import steering_of, with_steering
+from policy.goals import KINDS, PARTS, POINTS, bits_of, visible_in
+from policy.history import ObservationHistory
+from policy.layouts import goals_actor_group
+from policy.observation import sample_terms, term_dims, window_ticks
+from policy.reference import window_at
+from policy.terms import ObservationInput
+from tests.train.test_many_clips import references
+from tests.train.worlds import g1, settings
+from train.mdp.factory import build_environment
+from train.mdp.goals import Goals, GoalSettings, errors_by_kind, visible
+
+ROBOT = g1()
+GROUP = goals_actor_group()
+TICKS = window_ticks([GROUP])
+JOINTS = np.arange(23)
+AT = ROBOT.tracked_index(ROBOT.goal_points)
+GOALS = {"observations": "goals", "critic": ["history", "reference_position"]}
+
+
+def with_goals(reference):
+    return with_steering(replace(reference, feedforward_rad=0.1 * reference.joint_pos_rad))
+
+
+def seen(window, yaw_rad=0.4):
+    """One sample of the layout of a robot in the default pose that is turned."""
+    return sample_terms(
+        ObservationHistory(GROUP, term_dims(23)).terms,
+        ObservationInput(
+            base_quat_wxyz=Rotation.from_euler("z", yaw_rad).as_quat(scalar_first=True),
+            base_ang_vel_b=np.zeros(3),
+            joint_pos_rad=ROBOT.default_pos_rad,
+            joint_vel_rad_s=np.zeros(23),
+            last_action=np.zeros(23),
+            phase=np.zeros(1),
+            default_pos_rad=ROBOT.default_pos_rad,
+            reference=window,
+        ),
+    )
+
+
+def columns(term, of=""):
+    """Where a term lies in one sample."""
+    dims, first = term_dims(23), 0
+    for entry in ObservationHistory(GROUP, dims).terms:
+        size = dims[entry.term] * max(1, len(entry.ticks))
+        if (entry.term, entry.of) == (term, of):
+            return slice(first, first + size)
+        first += size
+    raise KeyError(term)
+
+
+def kick_window(kind, tick=30, turn_rad=0.0, **changes):
+    rows = replace(with_goals(references()["kick"]), **changes)
+    return window_at(rows, tick, TICKS, JOINTS, turn_rad, points=AT, visible=visible_in(kind))
+
+
+def test_a_point_is_seen_from_where_the_reference_is_now_and_by_the_robots_heading():
+    kick = references()["kick"]
+    sample = seen(kick_window("full", turn_rad=0.25), yaw_rad=0.4)
+    hand, head = (ROBOT.tracked_names.index(name) for name in ("left_hand_link", "head_link"))
+    away = kick.body_pos_w[47, hand] - [*kick.root_pos_w[30, :2], 0.0]  # 17 ticks ahead of 30
+    expected = Rotation.from_euler("z", 0.25 - 0.4).apply(away)
+    assert sample[columns("goal_point", "left_hand")][6:] == pytest.approx(expected, abs=1e-9)
+    turned = Rotation.from_quat(kick.body_quat_wxyz[31, head], scalar_first=True)
+    axes = (Rotation.from_euler("z", 0.25 - 0.4) * turned).as_matrix()
+    assert sample[columns("goal_turn", "head")][:6] == pytest.approx([*axes[:, 0], *axes[:, 1]], abs=1e-9)
+
+
+def test_steering_of_a_circle_is_its_speed_and_turn():
+    """1 m/s forward on a circle of 2 m, 0.5 rad/s, with the sway of steps on top; away from both ends."""
+    stand, times = references()["stand"], np.arange(0.0, 10.0, 0.02)
+    heading = 0.5 * times
+    sway = 0.2 * np.sin(2.0 * np.pi * times / 0.6)
+    velocity = np.stack([np.cos(heading), np.sin(heading)], 1) + sway[:, None] * np.stack(
+        [-np.sin(heading), np.cos(heading)], 1
+    )
+    turned = Rotation.from_rotvec(np.outer(heading + 0.1 * sway, [0.0, 0.0, 1.0]))
+    circle = replace(
+        stand,
+        root_quat_wxyz=turned.as_quat(scalar_first=True),
+        root_lin_vel_w=np.column_stack([velocity, np.zeros(len(times))]),
+    )
+    steering = steering_of(circle)[100:-100]
+    assert steering[:, 0] == pytest.approx(np.full(300, 1.0), abs=0.02)
+    assert steering[:, 1] == pytest.approx(np.zeros(300), abs=0.02)
+    assert steering[:, 2] == pytest.approx(np.full(300, 0.5), abs=0.02)
+    assert steering[:, 3] == pytest.approx(heading[100:-100], abs=0.02)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "full"])
+def test_a_hidden_value_changes_no_bit(kind):
+    """Not even one that is no number; what is shown does."""
+    nothing = {
+        "joint_pos_rad": "joints", "joint_vel_rad_s": "joints", "feedforward_rad": "joints", "root_lin_vel_w": "place",
+        "root_ang_vel_w": "heading",
+    }  # fmt: skip
+    kick, usual = with_goals(references()["kick"]), seen(kick_window(kind))
+    assert np.isfinite(usual).all()
+    for name, part in nothing.items():
+        changed = seen(kick_window(kind, **{name: np.full_like(getattr(kick, name), np.nan)}))
+        if part in KINDS[kind]:
+            assert np.isnan(changed).any(), name
+        else:
+            assert np.array_equal(changed, usual), name
+    body = kick.body_pos_w.copy()
+    hidden = [point for point in POINTS if point not in KINDS[kind]]
+    body[:, AT[[POINTS.index(point) for point in hidden]]] = np.nan
+    assert np.array_equal(seen(kick_window(kind, body_pos_w=body)), usual)
+    steering = kick.steering + (1.0 if "steer" in KINDS[kind] else np.nan)
+    assert np.array_equal(seen(kick_window(kind, steering=steering)), usual) == ("steer" not in KINDS[kind])
+
+
+def test_nothing_shown_is_a_sample_of_zeros_but_for_what_is_measured():
+    sample = seen(kick_window("none"))
+    measured = columns("reference_joint_error").start
+    assert not sample[measured:].any() and sample[:measured].any()
+
+
+def test_who_is_shown_what_by_counting():
+    goals = Goals(GoalSettings({"full": 0.5, "vr3": 0.3, "random": 0.2}), torch.Generator().manual_seed(3))
+    bits = goals.draw(40_000)
+    shares = [(bits == bits_of(KINDS[kind])).float().mean().item() for kind in ("full", "vr3")]
+    assert shares == pytest.approx([0.5, 0.3], abs=0.01)
+    shown = visible(bits)
+    random = shown[(bits != bits_of(KINDS["full"])) & (bits != bits_of(KINDS["vr3"]))]
+    assert random.mean(dim=0).tolist() == pytest.approx([0.5] * len(PARTS), abs=0.02)
+    counts = torch.bincount(random.sum(dim=1).long(), minlength=16) / len(random)
+    assert counts.tolist() == pytest.approx([1 / 16] * 16, abs=0.012)  # a chance of its own for each robot
+    assert shown[bits == bits_of(KINDS["vr3"])][0].tolist() == visible_in("vr3").tolist()
+
+
+def test_without_settings_everybody_is_shown_everything_and_nothing_is_drawn():
+    generator = torch.Generator().manual_seed(3)
+    before = generator.get_state()
+    assert Goals(None, generator).draw(3).tolist() == [bits_of(KINDS["full"])] * 3
+    assert torch.equal(generator.get_state(), before)
+
+
+def test_errors_are_told_by_kind():
+    kinds = {"full": 0.5, "steer": 0.4, "none": 0.0, "random": 0.1}
+    bits = torch.tensor([bits_of(KINDS["full"]), bits_of(KINDS["steer"]), bits_of(KINDS["steer"]), 5])
+    told = errors_by_kind(bits, torch.tensor([10.0, 20.0, 40.0, 70.0]), kinds)
+    assert told == {"goal/full_empbpe_mm": 10.0, "goal/steer_empbpe_mm": 30.0, "goal/random_empbpe_mm": 70.0}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "message"),
+    [({"vr4": 1.0}, "no such kind of goal"), ({"full": -1.0}, "full"), ({"full": 0.0}, "no share above 0")],
+)
+def test_settings_that_make_no_sense_are_refused(kinds, message):
+    with pytest.raises(InputError, match=message):
+        GoalSettings(kinds)
+
+
+def test_what_the_actor_sees_in_training_is_what_a_robot_computes():
+    """Robots of three clips with goals of their own, step by step, against the deployed history and window."""
+    kinds = {"full": 0.3, "vr3": 0.3, "random": 0.4}
+    env = build_environment(
+        settings(start={"first_frame": 1.0}, clips={"in_turn": True}, goals={"kinds": kinds}, **GOALS), ROBOT,
+        references(), num_envs=6, seed=2, threads=2,
+    )  # fmt: skip
+    assert env.actor_group == GROUP
+    histories = [ObservationHistory(GROUP, term_dims(23)) for _ in range(6)]
+    rows = [env.command.table.rows(torch.arange(3), torch.full((3,), tick)) for tick in range(31)]
+    shown = visible(env.state.goal).numpy()
+    assert len(np.unique(shown, axis=0)) > 2
+    actions, generator = np.zeros((6, 23)), torch.Generator().manual_seed(4)
+    named = [with_steering(reference) for reference in references().values()]
+    for tick in range(20):
+        state = env.simulator.state()
+        for robot, history in enumerate(histories):
+            feedforward = np.stack([row.feedforward_rad[robot % 3].numpy() for row in rows])
+            full = replace(named[robot % 3], feedforward_rad=np.resize(feedforward, (len(named[robot % 3].phase), 23)))
+            now = ObservationInput(
+                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
+                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
+                joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
+                joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
+                last_action=actions[robot],
+                phase=np.array([0.0]),
+                default_pos_rad=np.asarray(ROBOT.default_pos_rad),
+                reference=window_at(full, tick, TICKS, JOINTS, points=AT, visible=shown[robot]),
+            )
+            expected = history.push(sample_terms(history.terms, now))
+            got = env.observations.actor(env.state.actor_history)[robot].numpy()
+            assert got == pytest.approx(expected, abs=1e-4)
+        sent = 0.05 * torch.randn(6, 23, generator=generator)
+        env.step(sent)
+        actions = sent.numpy().astype(float)
