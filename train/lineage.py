@@ -17,6 +17,8 @@ from policy.metadata import read_metadata
 from policy.spec import ActorSpec, ObservationGroup
 from robot.robot import Robot
 from train.checkpoint import Checkpoints, load_state
+from train.companion import read_companion
+from train.folder import COMPANION_FILE
 from train.learner.learner import Learner
 
 
@@ -29,7 +31,7 @@ class Source:
 
 
 def find_source(name: str, robot: Robot, group: ObservationGroup) -> Source:
-    """The weights of a run folder, of a bundled actor by name, or of an actor file.
+    """The weights of a run folder, of a bundled actor by name, or of an actor file and its companion beside it.
 
     Raises:
         InputError: none of these, unreadable, or an actor with other joints or observations than ``group``.
@@ -70,7 +72,8 @@ def _of_actor(name: str, robot: Robot, group: ObservationGroup) -> Source:
         part.name: torch.tensor(numpy_helper.to_array(part))
         for part in onnx.load_from_string(content).graph.initializer
     }
-    return Source({"actor": weights}, _lineage(path, content, spec.provenance.get("exported_iteration")))
+    lineage = _lineage(path, content, spec.provenance.get("exported_iteration"))
+    return Source({"actor": weights} | read_companion(path.parent / COMPANION_FILE, lineage["sha256"]), lineage)
 
 
 def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGroup) -> None:

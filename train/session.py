@@ -18,9 +18,10 @@ from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
+from train.companion import write_companion
 from train.config import check, fingerprint, to_yaml
 from train.export import actor_spec, export_actor
-from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
+from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, COMPANION_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
@@ -225,6 +226,8 @@ def _export(
     path, group = setup.run_dir / ACTOR_FILE, setup.config.environment.actor_group()
     spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, group)
     digest = export_actor(actor, spec, setup.clip, path)
+    if isinstance(runner.learner, WorldModelLearner):
+        write_companion(setup.run_dir / COMPANION_FILE, runner.learner.beside_actor(), digest)
     document = {
         "outcome": outcome,
         **facts,

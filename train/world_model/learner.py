@@ -204,6 +204,10 @@ class WorldModelLearner:
         self._acting.load_state_dict(self._actor.state_dict())
         return taken
 
+    def beside_actor(self) -> dict[str, Mapping[str, Tensor]]:
+        """Weights of what else it has learnt: critic and world model."""
+        return {"critic": self._call("state_dict")["critic"]["network"], "model": self.fitting.model.state_dict()}
+
     def blind_spots(self, robot: Robot, observations: Mapping[str, Tensor]) -> list[BlindSpot]:
         """Where the world model is wrong; see :func:`blind_spots`. The robots go on from ``observations``."""
         return blind_spots(self, robot, observations)

@@ -1,6 +1,7 @@
 """A whole small run by the command's parts: trained, exported, played by the deployment's controller, begun from."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
 from tests.train.world_model.small import SMALL
 from train.command import execute
+from train.companion import read_companion
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +79,9 @@ def _standing():
 
 
 def test_a_network_that_a_source_lacks_is_refused(trained, tmp_path):
+    alone = shutil.copy(trained / "actor.onnx", tmp_path / "actor.onnx")
     with pytest.raises(InputError, match="init_networks: not there, got model"):
-        execute([
-            *SMALL, "init_networks=[model]", f"init_from={trained / 'actor.onnx'}", f"run_dir={tmp_path / 'run'}",
-        ])  # fmt: skip
+        execute([*SMALL, "init_networks=[model]", f"init_from={alone}", f"run_dir={tmp_path / 'run'}"])
 
 
 def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
@@ -92,13 +93,37 @@ def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
         ])  # fmt: skip
 
 
+def test_an_actors_companion_is_its_critic_and_model(trained, tmp_path, capsys):
+    """To what half precision holds; it begins without warming up, and goes with no other actor."""
+    newest = sorted((trained / "checkpoints").glob("*.pt"))[-1]
+    learner = torch.load(newest, weights_only=True)["learner"]
+    digest = json.loads((trained / "summary.json").read_text())["actor_sha256"]
+    read = read_companion(trained / "learner.npz", digest)
+    for name, wanted in {"critic": learner["critic"], "model": learner["fitting"]["model"]}.items():
+        assert read[name].keys() == wanted.keys()
+        for key, value in wanted.items():
+            assert torch.allclose(read[name][key], value.float(), rtol=1e-3, atol=1e-6), (name, key)
+    execute([
+        *SMALL, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
+        f"run_dir={tmp_path / 'run'}",
+    ])  # fmt: skip
+    assert "weights of actor and critic and model" in capsys.readouterr().out
+    shutil.copy(trained / "learner.npz", tmp_path / "learner.npz")
+    shutil.copy(tmp_path / "run" / "actor.onnx", tmp_path / "actor.onnx")
+    with pytest.raises(InputError, match=r"learner\.npz: another actor's"):
+        execute([*SMALL, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
+    (tmp_path / "learner.npz").write_bytes((trained / "learner.npz").read_bytes()[:500])
+    with pytest.raises(InputError, match=r"learner\.npz: unreadable"):
+        execute([*SMALL, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
+
+
 def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_path, capsys):
     """Graph weights are those of the first checkpoint's average, normalisation included."""
     execute([
         *SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
-    assert "weights of actor from" in capsys.readouterr().out
+    assert "weights of actor and critic and model from" in capsys.readouterr().out
     stored = {
         part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer
     }
