@@ -75,6 +75,18 @@ def check_bounds(run: ActorRun, robot: Robot, bounds: ActorSettings) -> None:
     _within(run, "kd", robot.joint_names, kd, low * robot.kd, high * robot.kd)
 
 
+def check_start(run: ActorRun, stand: ActorRun, robot: Robot, entry: EntrySettings) -> None:
+    """A motion must begin where the stand actor holds the robot. Raises InputError naming the joint farthest off."""
+    away = np.abs(run.start_pose_rad - stand.start_pose_rad)
+    joint = int(np.argmax(away))
+    if away[joint] > entry.joint_rad:
+        raise InputError(
+            "does not begin in the stand pose", where=f"motion {run.name}",
+            got=f"{robot.joint_names[joint]} {away[joint]:.2f} rad off it", expected=f"at most {entry.joint_rad} rad",
+            hint="motion/process --input FILE makes a clip that begins and ends there",
+        )  # fmt: skip
+
+
 def _within(run: ActorRun, what: str, names: Sequence[str], values: np.ndarray, low: Bound, high: Bound) -> None:
     low, high = np.broadcast_to(low, values.shape), np.broadcast_to(high, values.shape)
     bad = np.flatnonzero((values < low - ROUNDING) | (values > high + ROUNDING))

@@ -11,7 +11,7 @@ import numpy as np
 from core.clock import Clock, MonotonicClock, SimulatedClock
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.actors import check_bounds, check_same_period, check_same_scene, load_run, load_runs
+from deploy.actors import check_bounds, check_same_period, check_same_scene, check_start, load_run, load_runs
 from deploy.cell import Cell
 from deploy.clip_check import check_clip, rehearse
 from deploy.control.loop import Observer, Plan
@@ -113,6 +113,8 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
     runs = [*actors, *([] if stand is None else [stand])]
     for run in runs:
         check_bounds(run, robot, settings.actor)
+        if stand is not None:
+            check_start(run, stand, robot, settings.entry)
     period_s = check_same_period(runs)
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()
     backend = open_backend(

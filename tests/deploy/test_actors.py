@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
-from deploy.actors import check_bounds, load_run
+from deploy.actors import check_bounds, check_start, load_run
 from policy.actor import bundled_actors, resolve_actor
 from policy.metadata import read_metadata
 from tests.deploy.toys import KNEE, ROBOT, SETTINGS, linear_run
@@ -43,6 +43,21 @@ def test_what_does_not_suit_the_robot_is_refused_by_name(toy, change, says):
     run.__dict__ |= toy.__dict__ | {"actor": replace(toy.actor, spec=replace(toy.actor.spec, **change))}
     with pytest.raises(InputError, match=r"toy\.onnx: " + says):
         check_bounds(run, ROBOT, SETTINGS.actor)
+
+
+@pytest.mark.parametrize(("off_rad", "taken"), [(0.14, True), (-0.14, True), (0.16, False), (-0.4, False)])
+def test_a_motion_begins_where_the_robot_stands(tmp_path, off_rad, taken):
+    stand = linear_run(tmp_path)
+    pose_rad = ROBOT.default_pos_rad.copy()
+    pose_rad[KNEE] += off_rad
+    (tmp_path / "off").mkdir()
+    run = linear_run(tmp_path / "off", pose_rad=pose_rad)
+    if taken:
+        check_start(run, stand, ROBOT, SETTINGS.entry)
+        return
+    says = f"motion toy: does not begin in the stand pose, got left_knee_joint {abs(off_rad):.2f} rad off it.*process"
+    with pytest.raises(InputError, match=says):
+        check_start(run, stand, ROBOT, SETTINGS.entry)
 
 
 def test_the_ends_of_the_bounds_are_taken(toy):
