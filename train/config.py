@@ -34,6 +34,7 @@ from train.world_model.settings import WorldModelSettings
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
 _PATH_KEYS = ("motion", "motions", "robot", "run_dir", "init_from")
 MAX_SEED = 2**32 - 1
+MANY_CLIPS = "tracker"
 _BUDGET_KEYS = ("iterations", "minutes")
 
 
@@ -140,7 +141,7 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
     Raises:
         InputError: an override that Hydra refuses, or a switch with an unknown value.
     """
-    paths, others = _split_paths(overrides)
+    paths, others = _split_paths(with_preset(overrides))
     document = _compose(others) | paths
     given = [key for key in ("motion", "motions") if document.get(key) is not None]
     if not given:
@@ -152,6 +153,12 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
     if document["threads"] is None:
         document["threads"] = available_cores()
     return _apply_switches(document)
+
+
+def with_preset(overrides: Sequence[str]) -> list[str]:
+    """The overrides, with the preset for many clips where they ask for these and name none."""
+    given = {override.partition("=")[0] for override in overrides}
+    return [*overrides, f"train={MANY_CLIPS}"] if "motions" in given and "train" not in given else [*overrides]
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from core.config import CONFIGS
+from train.config import with_preset
 
 _FOLDER = CONFIGS / "train"
 COMMAND_LINE = "command line"
@@ -20,7 +21,7 @@ def told(document: Mapping[str, Any], overrides: Sequence[str]) -> Iterator[str]
         document: see :func:`train.config.compose_document`.
         overrides: what it was composed from.
     """
-    given = dict(override.lstrip("+").partition("=")[::2] for override in overrides)
+    given = dict(override.lstrip("+").partition("=")[::2] for override in with_preset(overrides))
     layers = [(str(path.relative_to(CONFIGS.parent)), _flat(_read(path))) for path in _files(given.get("train"))]
     for name, value in _flat(document).items():
         origin = _origin(name, value, given, layers) or f"sigma={document['sigma']}"

@@ -1,9 +1,11 @@
 #!/usr/bin/env -S python3 -P
-"""Train one motion: train/run.py motion=NAME|FILE [KEY=VALUE ...] [--print] | resume=RUN_DIR | replay=NAN_DUMP.
+"""Train an actor of one motion, or one for many.
 
-Presets: train=default|pushes|paper|pbhc_release|window|tracker. Keys: configs/train/config.yaml and the sections of the
-preset. init_from=RUN_DIR|ACTOR begins with another training's weights. --print shows each key, its value and where that
-is from, and trains nothing. Ctrl-C saves, exports and ends in good order.
+train/run.py motion=NAME|FILE or motions=FOLDER|MANIFEST, [KEY=VALUE ...] [--print]; resume=RUN_DIR; replay=NAN_DUMP.
+Presets: train=default|pushes|paper|pbhc_release|window|tracker|goals; motions= alone means train=tracker. Keys:
+configs/train/config.yaml and the sections of the preset. init_from=RUN_DIR|ACTOR begins with another training's
+weights. --print shows each key, its value and where that is from, and trains nothing. Ctrl-C saves, exports and ends in
+good order.
 """
 
 import os

@@ -28,3 +28,13 @@ def test_a_section_given_at_once_is_from_the_command_line_too(capsys):
 def test_an_unusable_configuration_is_not_printed(capsys):
     assert main(["motion=stand", "num_envs=0", "--print"]) == 2
     assert capsys.readouterr().out == ""
+
+
+def test_many_clips_alone_mean_the_tracker_and_a_preset_builds_on_another(capsys):
+    shown = printed(capsys, "motions=clips", "seed=3")
+    assert "world_model.round = 2    # configs/train/train/tracker.yaml" in shown
+    shown = printed(capsys, "motions=clips", "train=window")
+    assert "environment.observations = window    # configs/train/train/window.yaml" in shown
+    shown = printed(capsys, "motions=clips", "train=goals")
+    assert "environment.observations = goals    # configs/train/train/goals.yaml" in shown
+    assert "world_model.round = 2    # configs/train/train/tracker.yaml" in shown
