@@ -5,9 +5,12 @@ from pathlib import Path
 
 from core.errors import InputError
 from train.config import check, compose_document
+from train.folder import ACTOR_FILE
 from train.origins import told
 from train.session import replay_dump, train
-from train.setup import new_setup, resumed_setup
+from train.setup import Setup, new_setup, resumed_setup
+
+LAST_MILE = "last_mile"  # preset and folder
 
 
 def execute(arguments: Sequence[str]) -> None:
@@ -30,6 +33,16 @@ def execute(arguments: Sequence[str]) -> None:
         print(replay_dump(Path(given["replay"])))
     elif "resume" in given:
         rest = [argument for argument in arguments if not argument.startswith("resume=")]
-        train(resumed_setup(Path(given["resume"]).resolve(), rest))
+        _train(resumed_setup(Path(given["resume"]).resolve(), rest))
     else:
-        train(new_setup(compose_document(arguments)))
+        _train(new_setup(compose_document(arguments)))
+
+
+def _train(setup: Setup) -> None:
+    """The run, and the last mile where it is asked for: a run of its own in a folder of this one's."""
+    if train(setup) != "completed" or setup.config.last_mile == "none":
+        return
+    kept = {name: setup.document[name] for name in ("motion", "motions", "robot", "seed", "precision", "threads")}
+    told = [f"{name}={value}" for name, value in kept.items() if value is not None]
+    source, folder = setup.run_dir / ACTOR_FILE, setup.run_dir / LAST_MILE
+    train(new_setup(compose_document([*told, f"train={LAST_MILE}", f"init_from={source}", f"run_dir={folder}"])))

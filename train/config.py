@@ -53,6 +53,7 @@ class TrainConfig:
     evaluate_every: int | None
     run_dir: str | None
     init_from: str | None
+    last_mile: Literal["none", "ppo"]
     init_networks: tuple[Literal["actor", "critic", "model"], ...] | None
     sigma: Literal["adaptive", "coarse", "medium", "upperbound", "lowerbound"]
     value: Literal["vector", "scalar"]
@@ -196,7 +197,7 @@ def _split_paths(overrides: Sequence[str]) -> tuple[dict[str, str | None], list[
     for override in overrides:
         key, sign, value = override.partition("=")
         if sign and key in _PATH_KEYS:
-            paths[key] = None if value in ("", "null") else value
+            paths[key] = None if value in ("", "null", "none") else value
         else:
             others.append(override)
     return paths, others

@@ -86,7 +86,7 @@ def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGro
     if [seen.terms for seen in spec.observations] != [group.terms]:
         raise InputError(
             "sees something else", where=path, got=", ".join(_told(seen) for seen in spec.observations),
-            expected=_told(group), hint="environment.older_lags sets what the actor sees",
+            expected=_told(group), hint="init_from=none begins from nothing",
         )  # fmt: skip
 
 

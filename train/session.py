@@ -36,7 +36,7 @@ from train.priors.build import observed_targets, prior_of
 from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import TrainingReport, story
-from train.runner import Runner
+from train.runner import Outcome, Runner
 from train.setup import Setup, stored_clips
 from train.world_model.build import build_world_model_learner
 from train.world_model.learner import WorldModelLearner
@@ -44,8 +44,8 @@ from train.world_model.learner import WorldModelLearner
 EVALUATION_SEED = 12345
 
 
-def train(setup: Setup) -> None:
-    """Train, export and sum up. NonFiniteError if a number stops being finite."""
+def train(setup: Setup) -> Outcome:
+    """Train, export and sum up; say how it ended. NonFiniteError if a number stops being finite."""
     config = setup.followable
     torch.set_num_threads(config.threads)
     stop, started_s = StopRequest(), time.monotonic()
@@ -74,10 +74,11 @@ def train(setup: Setup) -> None:
         _restore(runner, setup)
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
-        runner.run()
+        outcome = runner.run()
         spots = _blind_spots(setup, learner, runner, progress)
         _export(setup, runner, evaluation, progress, code, spots)
         progress.say(f"report {report.finish()}")
+        return outcome
     finally:
         learner.close()
         progress.close()

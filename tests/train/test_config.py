@@ -93,7 +93,7 @@ def unnamed(kind, section, where):
     return missing + [path for name in nested for path in unnamed(hints[name], section[name], f"{where}.{name}")]
 
 
-@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "goals"])
+@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals"])
 def test_every_number_stands_in_the_files(preset):
     document = compose_document(["motion=taichi", f"train={preset}"])
     document["environment"]["rewards"] = {}
@@ -120,7 +120,7 @@ def test_contact_mask_can_be_switched_off():
     assert "contact_mask" in rewards() and "contact_mask" not in rewards("contact_mask=false")
 
 
-@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "goals"])
+@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals"])
 def test_resolved_document_means_the_same_again(preset):
     document = compose_document(["motion=taichi", f"train={preset}", "sigma=medium"])
     assert document["precision"] in ("bf16", "fp32") and document["threads"] >= 1

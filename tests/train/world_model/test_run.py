@@ -167,6 +167,39 @@ def test_ppo_goes_on_with_a_trackers_policy(trained, tmp_path, source):
     assert lineage["networks"] == ["actor"]
 
 
+def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(trained, tmp_path, monkeypatch):
+    """Asked for by one word, after a run that was completed; its own training is left out here."""
+    begun = []
+
+    def completed(setup):
+        begun.append(setup)
+        setup.run_dir.mkdir(parents=True, exist_ok=True)
+        shutil.copy(trained / "actor.onnx", setup.run_dir)
+        return outcome
+
+    monkeypatch.setattr("train.command.train", completed)
+    for outcome, last_mile, runs in (("completed", "none", 1), ("stopped", "ppo", 1), ("completed", "ppo", 2)):
+        folder = tmp_path / f"{outcome}_{last_mile}"
+        execute(
+            [
+                SMALL[0],
+                "train=clip",
+                *SMALL[2:],
+                f"init_from={trained}",
+                f"last_mile={last_mile}",
+                f"run_dir={folder}",
+                "seed=5",
+            ]
+        )
+        assert len(begun) == runs
+        first, *second = begun
+        assert first.config.world_model is not None and first.config.init_from == str(trained)
+        for mile in second:
+            assert mile.config.world_model is None and mile.config.init_from == str(folder / "actor.onnx")
+            assert (mile.run_dir, mile.config.seed, mile.config.motion) == (folder / "last_mile", 5, "side_kick")
+        begun.clear()
+
+
 def _width(path):
     return onnxruntime.InferenceSession(str(path)).get_inputs()[0].shape[1]
 
