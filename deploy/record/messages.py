@@ -85,6 +85,7 @@ class TickMessages:
         events = [("request", request.value) for request in result.requests]
         events += [("state", mode.value) for mode in result.modes]
         events += [("refused", refusal) for refusal in result.refused]
+        events += [] if result.lowered_by is None else [("lowered", result.lowered_by)]
         if result.fault is not self._fault:
             self._fault = result.fault
             events.append(("fault", str(result.fault or "cleared")))

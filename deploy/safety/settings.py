@@ -129,10 +129,14 @@ class TemperatureSettings(Checked):
 
 @dataclass(frozen=True)
 class WindingSettings(Checked):
-    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
+    """How far below the motor's own limit its winding stays, sustained.
+
+    warn_s, lower_s: with how little time left before that a clip ends in HOLD, and a robot that stands is lowered.
+    """
 
     below_limit_c: float
     warn_s: float
+    lower_s: float
     for_s: float
 
 
