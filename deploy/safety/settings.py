@@ -78,13 +78,16 @@ class TorqueSaturationSettings(Checked):
 
 @dataclass(frozen=True)
 class PlausibilitySettings(Checked):
-    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ.
+    """The fastest that is believed, and how far speed and change of position may differ.
 
-    A joint that moves may differ by half its speed more: what it hits stops it at any time between two samples.
+    speed, mismatch: of a joint, as shares of its speed limit. base_rad_s, base_mismatch_rad_s: of the base, by the IMU.
+    What moves may differ by half its speed more: what it hits stops it at any time between two samples.
     """
 
     speed: float
     mismatch: float
+    base_rad_s: float
+    base_mismatch_rad_s: float
     for_s: float
 
 
