@@ -31,6 +31,8 @@ CHANNELS: dict[str, dict[str, Any]] = {
         "imu_acc_b": NUMBERS,
         "imu_age_s": NUMBER,
         "temperature_c": NUMBERS,
+        "charge": NUMBER,
+        "supply": NUMBER,
         "true_root_pos_w": NUMBERS,
         "true_root_quat_wxyz": NUMBERS,
         "true_foot_contact": NUMBERS,

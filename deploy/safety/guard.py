@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from deploy.safety.battery import Battery
 from deploy.safety.health import WindingTemperature
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
 from deploy.safety.plausible import Plausibility
@@ -36,7 +37,9 @@ class Guard:
             TorqueLimit(robot, safety.torque_limit.factor, report_only),
         )
         self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s, self._gate)
-        self._forecasts: tuple[Forecast, ...] = tuple(r for r in self._trips if isinstance(r, WindingTemperature))
+        self._battery = Battery(safety.battery)
+        windings = (rule for rule in self._trips if isinstance(rule, WindingTemperature))
+        self._forecasts: tuple[Forecast, ...] = (*windings, self._battery)
         self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)
@@ -50,6 +53,7 @@ class Guard:
 
     def check(self, sample: Sample, *, moving: bool) -> Fault | None:
         """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
+        self._battery.look(sample.state)
         for rule in self._trips:
             detail = rule.violation(sample) if moving or not rule.moving else None
             self.counts[rule.name] += detail is not None

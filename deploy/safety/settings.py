@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from core.errors import InputError
 from core.structured import at_least, none_negative, within
 
 LONGEST_VIOLATION_S = 0.5
@@ -144,6 +145,34 @@ class WindingSettings(Checked):
 
 
 @dataclass(frozen=True)
+class BatteryLevel(Checked):
+    """Smallest state of charge, and smallest supply voltage as a share of the nominal one."""
+
+    charge: float
+    supply: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        within("charge", self.charge, 0.0, 1.0)
+        within("supply", self.supply, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class BatterySettings(Checked):
+    """Below which level, for how long, a clip ends in HOLD, and below which a robot that stands is lowered."""
+
+    warn: BatteryLevel
+    lower: BatteryLevel
+    lasts_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        if self.lower.charge > self.warn.charge or self.lower.supply > self.warn.supply:
+            raise InputError("above the level that warns", where="lower", got=self.lower, expected=f"below {self.warn}")
+
+
+@dataclass(frozen=True)
 class SafetySettings:
     """Thresholds of every rule that has one, by the rule's name."""
 
@@ -160,3 +189,4 @@ class SafetySettings:
     overrun: OverrunSettings
     temperature: TemperatureSettings
     winding_temperature: WindingSettings
+    battery: BatterySettings
