@@ -10,6 +10,7 @@ import numpy as np
 from core.clock import Clock
 from core.rotations import projected_gravity
 from deploy.actor_run import ActorRun
+from deploy.safety.battery import shortage
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
@@ -49,7 +50,8 @@ def run_preflight(
     checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors), _link_line(gaps_s)]
     limit_s = settings.age_periods * backend.control_period_s
     checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
-    checks += [_check_temperature(states, robot, settings), _check_range(states, robot, settings)]
+    checks += [_check_temperature(states, robot, settings), _check_battery(states, settings)]
+    checks += [_check_range(states, robot, settings)]
     if at_rest:
         checks += [_check_upright(states, settings)]
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
@@ -145,6 +147,15 @@ def _check_temperature(states: Sequence[RobotState], robot: Robot, settings: Pre
     joint = int(np.nanargmax(heat))
     found = f"hottest {robot.joint_names[joint]} at {heat[joint]:.0f} C, limit {settings.temperature_c:.0f} C"
     return Check("temperatures", bool(heat[joint] <= settings.temperature_c), found)
+
+
+def _check_battery(states: Sequence[RobotState], settings: PreflightSettings) -> Check:
+    last = states[-1]
+    if (low := shortage(last, settings.battery)) is not None:
+        return Check("battery", False, f"{low}: charge it")
+    known = {"charge": last.charge, "supply": last.supply}
+    found = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in known.items() if math.isfinite(share))
+    return Check("battery", True, found or "not reported")
 
 
 def _check_range(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from core.config import config_file, load_options
 from core.structured import at_least, ordered, positive, within
-from deploy.safety.settings import Checked, SafetySettings
+from deploy.safety.settings import BatteryLevel, Checked, SafetySettings
 
 SLOWEST_RAMP_S = 1.0
 FASTEST_RISE_RAD_S = 0.8
@@ -119,6 +119,7 @@ class PreflightSettings(Checked):
     gravity_rad: float
     gravity_m_s2: float
     temperature_c: float
+    battery: BatteryLevel
     range_margin_rad: float
     age_periods: float
     state_wait_s: float

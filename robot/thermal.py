@@ -65,10 +65,10 @@ class MotorHeat:
         if housing_c is not None:
             self._housing_k = np.where(np.isfinite(housing_c), housing_c - f.ambient_c, self._housing_k)
 
-    def left_s(self) -> np.ndarray:
-        """How long (J,) the mean load of late may go on before the winding is at its limit; inf: for ever."""
+    def left_s(self, limit_c: float) -> np.ndarray:
+        """How long (J,) the mean load of late may go on before the winding is so warm; inf: for ever."""
         f = self._figures
-        room_k = f.limit_c - f.ambient_c - np.maximum(self._winding_k, f.winding_k * self._load)
+        room_k = limit_c - f.ambient_c - np.maximum(self._winding_k, f.winding_k * self._load)
         rise_k = f.housing_k * self._load
         heats = (rise_k > room_k) & (rise_k > self._housing_k)
         share = np.where(heats, (rise_k - self._housing_k) / np.where(heats, rise_k - room_k, 1.0), 1.0)

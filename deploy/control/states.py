@@ -145,6 +145,11 @@ class StateMachine:
         """Whether the devices' answer to an acknowledgement is waited for."""
         return self._patience > 0
 
+    @property
+    def can_lower(self) -> bool:
+        """Whether the stand actor balances a robot for which there is a way down."""
+        return self._lowering is not None and self.mode in STANDING and self.active is self._stand
+
     def no_fault(self) -> None:
         """A tick without any fault: what was acknowledged is over."""
         if self._patience:
@@ -246,7 +251,7 @@ class StateMachine:
         """Lower a robot that the stand actor balances. False where it does not: there is no time then."""
         if self.mode is Mode.LOWERING:
             return True
-        if self._lowering is None or self.mode not in STANDING or self.active is not self._stand:
+        if self._lowering is None or not self.can_lower:
             return False
         self._lowering.start(self._sent)
         self.mode, self.active, self._blend_from = Mode.LOWERING, None, None

@@ -18,7 +18,8 @@ class TickResult:
 
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: the devices
     are to clear what has latched. actor, output: who moved the joints and what it computed; None where none did.
-    warning: what will trip before long; it has asked for HOLD. requests: what was asked for.
+    warning: what will end the run before long; it has asked for HOLD. lowered_by: what has asked for FINISH in this
+    tick, because it will be very soon. requests: what others asked for.
     """
 
     command: JointCommand | None
@@ -30,6 +31,7 @@ class TickResult:
     actor: ActorRun | None
     output: PolicyOutput | None
     warning: str | None = None
+    lowered_by: str | None = None
     requests: tuple[Request, ...] = ()
 
 
@@ -61,8 +63,8 @@ class Tick:
         else:
             machine.no_fault()
         self._note(modes)
-        if guard.warning is not None and machine.mode is Mode.TRACKING:
-            machine.request(Request.HOLD, state)
+        lowered_by = self._foresee(state)
+        self._note(modes)
         refused = []
         acknowledged = False
         for request in requests:
@@ -78,8 +80,18 @@ class Tick:
         output = None if state is None else machine.output
         return TickResult(
             command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output,
-            guard.warning, tuple(requests),
+            guard.warning, lowered_by, tuple(requests),
         )  # fmt: skip
+
+    def _foresee(self, state: RobotState | None) -> str | None:
+        """End in order what a rule would soon damp: a clip in HOLD, standing by lowering. The reason for lowering."""
+        machine, guard = self.machine, self.guard
+        if guard.urgent is not None and machine.can_lower:
+            machine.request(Request.FINISH, state)
+            return guard.urgent
+        if guard.warning is not None and machine.mode is Mode.TRACKING:
+            machine.request(Request.HOLD, state)
+        return None
 
     def _fault_of(self, reading: RobotState | DeviceError, inference_s: float, overran: bool) -> Fault | None:
         if isinstance(reading, DeviceError):

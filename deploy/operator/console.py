@@ -45,6 +45,8 @@ class Console:
         if result.warning is not None and not self._warned:
             self._voice.complain(f"warning: {result.warning}")
         self._warned = result.warning is not None
+        if result.lowered_by is not None:
+            self._voice.complain(f"lowered: {result.lowered_by}")
         for refusal in result.refused if self._refusals else ():
             self._voice.complain(refusal)
 

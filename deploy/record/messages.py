@@ -31,6 +31,8 @@ CHANNELS: dict[str, dict[str, Any]] = {
         "imu_acc_b": NUMBERS,
         "imu_age_s": NUMBER,
         "temperature_c": NUMBERS,
+        "charge": NUMBER,
+        "supply": NUMBER,
         "true_root_pos_w": NUMBERS,
         "true_root_quat_wxyz": NUMBERS,
         "true_foot_contact": NUMBERS,
@@ -85,6 +87,7 @@ class TickMessages:
         events = [("request", request.value) for request in result.requests]
         events += [("state", mode.value) for mode in result.modes]
         events += [("refused", refusal) for refusal in result.refused]
+        events += [] if result.lowered_by is None else [("lowered", result.lowered_by)]
         if result.fault is not self._fault:
             self._fault = result.fault
             events.append(("fault", str(result.fault or "cleared")))

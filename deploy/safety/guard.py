@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
+from deploy.safety.battery import Battery
 from deploy.safety.health import WindingTemperature
 from deploy.safety.limits import SoftPosition, StaleHold, TorqueLimit
 from deploy.safety.plausible import Plausibility
-from deploy.safety.rules import Fault, LimitRule, Sample, Tally, TripRule, Wish
+from deploy.safety.rules import Fault, Forecast, LimitRule, Sample, Tally, TripRule, Wish
 from deploy.safety.trips import CLOCK_GRAIN_S, ticks_of, trip_rules
 from deploy.settings import DeploySettings
 from hal.contract.types import DeviceError, DeviceFault, RobotState
@@ -36,6 +37,9 @@ class Guard:
             TorqueLimit(robot, safety.torque_limit.factor, report_only),
         )
         self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s, self._gate)
+        self._battery = Battery(safety.battery)
+        windings = (rule for rule in self._trips if isinstance(rule, WindingTemperature))
+        self._forecasts: tuple[Forecast, ...] = (*windings, self._battery)
         self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)
@@ -49,6 +53,7 @@ class Guard:
 
     def check(self, sample: Sample, *, moving: bool) -> Fault | None:
         """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
+        self._battery.look(sample.state)
         for rule in self._trips:
             detail = rule.violation(sample) if moving or not rule.moving else None
             self.counts[rule.name] += detail is not None
@@ -58,9 +63,13 @@ class Guard:
 
     @property
     def warning(self) -> str | None:
-        """What will trip before long if the load stays as it is, or None."""
-        warnings = (rule.warning for rule in self._trips if isinstance(rule, WindingTemperature))
-        return next(warnings, None)
+        """What ends this run before long if it goes on like this, or None."""
+        return next((forecast.warning for forecast in self._forecasts if forecast.warning is not None), None)
+
+    @property
+    def urgent(self) -> str | None:
+        """Likewise so soon that a robot that stands is to be lowered, or None."""
+        return next((forecast.warning for forecast in self._forecasts if forecast.urgent), None)
 
     def check_reading(self, error: DeviceError) -> Fault:
         """A read that failed: the device refuses, or the way to it is gone."""

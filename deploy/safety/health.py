@@ -123,18 +123,21 @@ class Overrun(TripRule):
 class WindingTemperature(TripRule):
     """A motor's winding, by the model of its heat, comes too near its limit.
 
-    warning: what is to be said before, while no more than `warn_s` are left at the load of late; None otherwise.
+    See Forecast: a warning while no more than `warn_s` are left before that at the load of late, urgent from `lower_s`.
     """
 
     name = "winding_temperature"
     moving = False
 
-    def __init__(self, robot: Robot, figures: ThermalFigures, max_c: float, warn_s: float, ticks: int) -> None:
+    def __init__(
+        self, robot: Robot, figures: ThermalFigures, max_c: float, warn_s: float, lower_s: float, ticks: int
+    ) -> None:
         self.ticks = ticks
         self.warning: str | None = None
+        self.urgent = False
         self._names = robot.joint_names
         self._heat = MotorHeat(robot.torque_limit_nm, figures)
-        self._max_c, self._warn_s = max_c, warn_s
+        self._max_c, self._warn_s, self._lower_s = max_c, warn_s, lower_s
         self._last_s: float | None = None
 
     def violation(self, sample: Sample) -> str | None:
@@ -143,9 +146,9 @@ class WindingTemperature(TripRule):
         lasted_s = 0.0 if self._last_s is None else max(0.0, state.time_s - self._last_s)
         self._last_s = state.time_s
         self._heat.step(state.joint_torque_nm, lasted_s, state.temperature_c)
-        left_s = self._heat.left_s()
+        left_s = self._heat.left_s(self._max_c)
         first = int(np.argmin(left_s))
-        self.warning = None
+        self.warning, self.urgent = None, bool(left_s[first] <= self._lower_s)
         if left_s[first] <= self._warn_s:
             self.warning = f"{self._names[first]} will be too hot in {left_s[first] / 60.0:.1f} minutes at this load"
         winding_c = self._heat.winding_c

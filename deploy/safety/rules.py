@@ -74,6 +74,17 @@ class TripRule(Protocol):
         ...
 
 
+class Forecast(Protocol):
+    """What is seen coming before it has to be a trip.
+
+    warning: what will be, in one line, so that a clip ends in HOLD; None: nothing. urgent: so soon that a robot that
+    stands is to be lowered.
+    """
+
+    warning: str | None
+    urgent: bool
+
+
 class LimitRule(Protocol):
     """A rule whose verdict is *limit*: it changes the wish."""
 

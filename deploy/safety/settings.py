@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from core.errors import InputError
 from core.structured import at_least, none_negative, within
 
 LONGEST_VIOLATION_S = 0.5
@@ -78,13 +79,16 @@ class TorqueSaturationSettings(Checked):
 
 @dataclass(frozen=True)
 class PlausibilitySettings(Checked):
-    """Of the joint's speed limit: the fastest that is believed, and how far speed and change of position may differ.
+    """The fastest that is believed, and how far speed and change of position may differ.
 
-    A joint that moves may differ by half its speed more: what it hits stops it at any time between two samples.
+    speed, mismatch: of a joint, as shares of its speed limit. base_rad_s, base_mismatch_rad_s: of the base, by the IMU.
+    What moves may differ by half its speed more: what it hits stops it at any time between two samples.
     """
 
     speed: float
     mismatch: float
+    base_rad_s: float
+    base_mismatch_rad_s: float
     for_s: float
 
 
@@ -129,11 +133,43 @@ class TemperatureSettings(Checked):
 
 @dataclass(frozen=True)
 class WindingSettings(Checked):
-    """How far below the motor's own limit its winding stays, sustained; with how little time left a warning is due."""
+    """How far below the motor's own limit its winding stays, sustained.
+
+    warn_s, lower_s: with how little time left before that a clip ends in HOLD, and a robot that stands is lowered.
+    """
 
     below_limit_c: float
     warn_s: float
+    lower_s: float
     for_s: float
+
+
+@dataclass(frozen=True)
+class BatteryLevel(Checked):
+    """Smallest state of charge, and smallest supply voltage as a share of the nominal one."""
+
+    charge: float
+    supply: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        within("charge", self.charge, 0.0, 1.0)
+        within("supply", self.supply, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class BatterySettings(Checked):
+    """Below which level, for how long, a clip ends in HOLD, and below which a robot that stands is lowered."""
+
+    warn: BatteryLevel
+    lower: BatteryLevel
+    lasts_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        if self.lower.charge > self.warn.charge or self.lower.supply > self.warn.supply:
+            raise InputError("above the level that warns", where="lower", got=self.lower, expected=f"below {self.warn}")
 
 
 @dataclass(frozen=True)
@@ -153,3 +189,4 @@ class SafetySettings:
     overrun: OverrunSettings
     temperature: TemperatureSettings
     winding_temperature: WindingSettings
+    battery: BatterySettings

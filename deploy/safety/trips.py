@@ -25,7 +25,7 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: Trip
     if robot.thermal is not None:
         w = s.winding_temperature
         max_c = robot.thermal.limit_c - w.below_limit_c
-        winding = [health.WindingTemperature(robot, robot.thermal, max_c, w.warn_s, ticks(w.for_s))]
+        winding = [health.WindingTemperature(robot, robot.thermal, max_c, w.warn_s, w.lower_s, ticks(w.for_s))]
     window = ticks(s.overrun.window_s)
     often = max(1, round(s.overrun.share * window)), window
     return (

@@ -42,7 +42,7 @@ class CanBus:
         members = file.motors_of(name)
         entries = [file.motors[i] for i in members]
         self.entry = next(bus for bus in file.buses if bus.name == name)
-        self.name, self.period_s = name, 1.0 / file.rate_hz
+        self.name, self.period_s, self._nominal_v = name, 1.0 / file.rate_hz, file.supply_v
         self._busy_s = bus_load(file, self.entry).round_s
         self.link = CanLink(name, self.entry.arguments)
         self.map: JointMap = file.joint_map.take(members)
@@ -252,6 +252,9 @@ class CanBus:
         state.stats(f"{self.name} error frames", self.link.error_frames)
         state.stats(f"{self.name} frames not understood", self._demultiplexer.not_understood)
         state.stats(f"{self.name} answers missed", sum(motor.missed for motor in self.motors))
+        reported_v = [motor.supply_v for motor in self.motors if math.isfinite(motor.supply_v)]
+        if self._nominal_v is not None and reported_v:
+            state.supply(self.name, min(reported_v) / self._nominal_v)
         if not fresh:
             return
         rows = np.array([motor.row for motor in fresh])

@@ -17,6 +17,7 @@ class Feedback:
     temperature_c: float | None = None
     faults: tuple[str, ...] | None = None
     enabled: bool | None = None
+    supply_v: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

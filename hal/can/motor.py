@@ -73,6 +73,7 @@ class Motor:
     vel_rad_s: float = math.nan
     torque_nm: float = math.nan
     temperature_c: float = math.nan
+    supply_v: float = math.nan
     pos_s: float = -math.inf
     vel_s: float = -math.inf
     torque_s: float = -math.inf
@@ -119,6 +120,8 @@ class Motor:
             self.torque_nm, self.torque_s = feedback.torque_nm, stamp_s
         if feedback.temperature_c is not None:
             self.temperature_c = feedback.temperature_c
+        if feedback.supply_v is not None:
+            self.supply_v = feedback.supply_v
         if feedback.faults is not None:
             self.faults = feedback.faults
         if feedback.enabled is not None:

@@ -115,6 +115,7 @@ class RobotFile:
 
     watchdog_s: the servos' own time limit without a command. band_margin_rad: how far beyond a joint's range its motor
     may be found at start. least_torque: share of the joint's torque limit that its motor must give, whatever `limits`.
+    supply_v: the nominal voltage, against which what motors report is judged; None: it is not judged.
     """
 
     robot: str
@@ -125,11 +126,14 @@ class RobotFile:
     watchdog_s: float = 0.1
     band_margin_rad: float = 0.1
     least_torque: float = 0.5
+    supply_v: float | None = None
 
     def __post_init__(self) -> None:
         """Check names, ids and figures. Raises InputError."""
         for what in ("rate_hz", "watchdog_s"):
             positive(what, getattr(self, what))
+        if self.supply_v is not None:
+            positive("supply_v", self.supply_v)
         within("band_margin_rad", self.band_margin_rad, 0.0, math.pi)
         within("least_torque", self.least_torque, 0.0, 1.0)
         if self.watchdog_s < 3.0 / self.rate_hz:

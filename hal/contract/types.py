@@ -3,6 +3,7 @@
 Every per-joint array has shape (J,) in the robot's joint-table order, float64.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -39,6 +40,7 @@ class RobotState:
     temperature_c: (J,) or None where the device has no sensor. faults: the device's own, by name; empty when healthy.
     energised: whether the devices obey what is written. False before the first command, and for as long after it as
     a motion service takes to let go or servos take to be enabled.
+    charge: what is left in the battery, 0 to 1. supply: lowest supply voltage over the nominal one. nan: not reported.
     """
 
     time_s: float
@@ -53,6 +55,8 @@ class RobotState:
     temperature_c: np.ndarray | None = None
     faults: tuple[str, ...] = ()
     energised: bool = True
+    charge: float = math.nan
+    supply: float = math.nan
     truth: TrueState | None = None
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from core import robot_time as time
 from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost
+from hal.dds.battery import BatteryReader
 from hal.dds.command import CommandFrames
 from hal.dds.damper import DdsDamper
 from hal.dds.link import DdsLink
@@ -52,6 +53,7 @@ class DdsDriver:
         self._damping = Outgoing(Kind.DAMP, damping_command(robot.damping_kd))
         self._frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
         self._states: StateReader | None = None
+        self._battery: BatteryReader | None = None
         self._taken = False
         self._released: list[str] = []
         self._sent = 0
@@ -63,6 +65,7 @@ class DdsDriver:
         self._link = DdsLink(options.domain, options.interface)
         simulator = options.peer == SIMULATOR
         self._states = StateReader(self._link, simulator=simulator)
+        self._battery = BatteryReader(self._link)
         self._others = self._link.reader(COMMAND_TOPIC, LowCmd_, others_only=True)
         self._service = MotionService(self._link) if options.motion_service == "release" else None
         self._await_states(self._states)
@@ -105,8 +108,9 @@ class DdsDriver:
         """See Driver."""
         self._outbox, self._board = outbox, state
         self._writer = StateWriter(state, self._slots, self._clock, int(self._message()["mode_machine"]))
-        assert self._states is not None
+        assert self._states is not None and self._battery is not None
         self._states.deliver(self._writer.hear)
+        self._battery.deliver(state)
         return [Cycle("dds", self._period_s, self._run)]
 
     def enable(self) -> None:
@@ -147,9 +151,10 @@ class DdsDriver:
 
     def close(self) -> None:
         """See Driver."""
-        if self._states is not None:
-            self._states.stop()
-        for name in ("_commands", "_others", "_service", "_states", "_link"):
+        for reader in (self._states, self._battery):
+            if reader is not None:
+                reader.stop()
+        for name in ("_commands", "_others", "_service", "_states", "_battery", "_link"):
             vars(self).pop(name, None)
 
     def _run(self, now_s: float) -> None:

@@ -1,7 +1,8 @@
 """LowCmd and LowState as arrays with named fields, and as the bytes that travel.
 
 The arrays have the layout of the maker's C structs (little-endian, naturally aligned, padding zero), because that is
-what the checksum covers. The serialised body lacks the padding before the first motor, and nothing else.
+what the checksum covers. The serialised body lacks the padding before the first motor, and nothing else. BmsState
+travels as it is: its padding is the same in both.
 """
 
 import numpy as np
@@ -61,6 +62,25 @@ LOW_STATE = np.dtype(
         ("wireless_remote", "u1", 40),
         ("reserve", "<u4", 4),
         ("crc", "<u4"),
+    ],
+    align=True,
+)
+
+BMS_STATE = np.dtype(
+    [
+        ("version_high", "u1"),
+        ("version_low", "u1"),
+        ("fn", "u1"),
+        ("cell_vol", "<u2", 40),
+        ("bmsvoltage", "<u4", 3),
+        ("current", "<i4"),
+        ("soc", "u1"),
+        ("soh", "u1"),
+        ("temperature", "<i2", 12),
+        ("cycle", "<u2"),
+        ("manufacturer_date", "<u2"),
+        ("bmsstate", "<u4", 5),
+        ("reserve", "<u4", 3),
     ],
     align=True,
 )

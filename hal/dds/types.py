@@ -2,7 +2,7 @@
 
 Every 8-bit field is `types.byte`: declared as `uint8`, CycloneDDS 11 announces another type id, and a peer that runs
 0.10, as the robot does, crashes on it. The tests hold the ids. Fields and their order are those of the maker's
-hg messages; LowCmd and LowState travel as whole frames, which `hal.dds.layout` reads and writes.
+hg messages; LowCmd, LowState and BmsState travel as whole frames, which `hal.dds.layout` reads and writes.
 """
 
 # mypy: disable-error-code="type-arg, valid-type"
@@ -116,6 +116,30 @@ class LowState_(IdlStruct, typename="unitree_hg.msg.dds_.LowState_"):
     wireless_remote: types.array[types.byte, 40]
     reserve: types.array[types.uint32, 4]
     crc: types.uint32
+
+    __init__ = _keep
+    serialize = _serialize
+    deserialize = classmethod(_deserialize)
+
+
+@final
+@autoid("sequential")
+class BmsState_(IdlStruct, typename="unitree_hg.msg.dds_.BmsState_"):
+    """What the battery says. soc: state of charge in %."""
+
+    version_high: types.byte
+    version_low: types.byte
+    fn: types.byte
+    cell_vol: types.array[types.uint16, 40]
+    bmsvoltage: types.array[types.uint32, 3]
+    current: types.int32
+    soc: types.byte
+    soh: types.byte
+    temperature: types.array[types.int16, 12]
+    cycle: types.uint16
+    manufacturer_date: types.uint16
+    bmsstate: types.array[types.uint32, 5]
+    reserve: types.array[types.uint32, 3]
 
     __init__ = _keep
     serialize = _serialize

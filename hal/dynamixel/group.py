@@ -50,6 +50,8 @@ class ServoGroup:
         self._row = {servo.id: row for row, servo in enumerate(self.servos)}
         self._counts = np.full((3, count), np.nan)  # position, speed, current
         self._temperature_c = np.full(count, np.nan)
+        self._supply = np.full(count, np.nan)
+        self._nominal_v = options.supply_v
         self._stamp_s = np.full(count, -np.inf)
         self._asked_s = -np.inf
         self._enabled = [False] * count
@@ -205,7 +207,8 @@ class ServoGroup:
             row = self._row[one.id]
             if one.asked_s <= self._stamp_s[row]:
                 continue
-            current, speed, position, _, temperature = STATE.unpack(one.state)
+            current, speed, position, decivolts, temperature = STATE.unpack(one.state)
+            self._supply[row] = 0.1 * decivolts / self._nominal_v
             self._counts[:, row], self._temperature_c[row] = (position, speed, current), temperature
             if one.error & p2.ALERT or one.asked_s - self._stamp_s[row] > LATE_S:
                 self._alerts.add(row)
@@ -219,6 +222,7 @@ class ServoGroup:
         state.stats(f"{self.options.name} bad packets", self._questions.bad_packets + self.port.bad_packets)
         if not rows:
             return
+        state.supply(self.options.name, float(np.nanmin(self._supply)))
         pos_rad, vel_rad_s, torque_nm = self.translation.joints(self._counts)
         index, stamp_s = self.translation.index[rows], self._stamp_s
         state.joints(index, pos_rad[rows], vel_rad_s[rows], torque_nm[rows], self._temperature_c[rows], stamp_s[rows])

@@ -20,6 +20,7 @@ from hal.dds.remote import BUTTONS, Remote, encode_remote
 from hal.dds.slots import SLOTS, SlotMap
 from hal.dds.state_reader import STATE_TOPIC
 from hal.dds.types import LowCmd_, LowState_
+from hal.emulator.dds_battery import BATTERY_FAULTS, EmulatedBattery
 from hal.emulator.dds_domain import FreeDomain
 from hal.emulator.dds_motors import HeldMotors, MotorHealth
 from hal.emulator.dds_service import MODES, MotionServer
@@ -52,6 +53,7 @@ class DdsDevice(DeviceSide):
         "unfilled": FaultKind("checksum, mode_machine and tick of LowState stay 0, as in the maker's simulator"),
         "imu_units": FaultKind("the accelerometer's scale; value: factor", 1.0 / 9.81),
         "imu_tilt": FaultKind("the orientation leans forward; value: rad", 0.3),
+        **BATTERY_FAULTS,
     }
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
@@ -90,6 +92,7 @@ class DdsDevice(DeviceSide):
         self._link = DdsLink(self._domain.number, LOOPBACK)
         self._publisher = self._link.writer(STATE_TOPIC, LowState_)
         self._second = self._link.writer(COMMAND_TOPIC, LowCmd_)
+        self._battery = EmulatedBattery(self._link, self._faults, WIRE)
         self._service = MotionServer(self._link, self._options.motion_service, self._options.release_s, self._at_rest)
         self._inbox = self._link.inbox(self._link.reader(COMMAND_TOPIC, LowCmd_), self._hear, "lowcmd")
         self._worker = Worker("lowstate", self._round, 1.0 / self._options.state_hz)
@@ -198,6 +201,7 @@ class DdsDevice(DeviceSide):
     def _round(self, now_s: float) -> None:
         """Send one LowState, and what was delayed until now."""
         self._judge_power()
+        self._battery.round(now_s)
         fate = self._faults.fate(WIRE)
         if fate.lost:
             self._counts["lowstate lost"] += 1

@@ -127,6 +127,8 @@ class WireBackend(ClosesByDamping):
             temperature_c=snapshot.temperature_c if known else None,
             faults=self._faults(),
             energised=snapshot.energised,
+            charge=snapshot.charge,
+            supply=snapshot.supply,
         )
 
     def write(self, command: JointCommand) -> None:

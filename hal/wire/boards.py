@@ -16,7 +16,8 @@ STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
-REMOTE, ENERGISED = -2, -1
+CHARGE, SUPPLY, REMOTE, ENERGISED = -4, -3, -2, -1
+SINGLES = 4
 Index = np.ndarray | list[int] | slice | int
 Value = np.ndarray | float
 
@@ -25,7 +26,8 @@ Value = np.ndarray | float
 class Snapshot:
     """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
 
-    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. energised: see RobotState.
+    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. charge, supply, energised:
+    see RobotState.
     """
 
     joint_pos_rad: np.ndarray
@@ -37,6 +39,8 @@ class Snapshot:
     imu_ang_vel_b: np.ndarray
     imu_acc_b: np.ndarray
     imu_stamp_s: float
+    charge: float
+    supply: float
     remote_stamp_s: float
     energised: bool
 
@@ -52,15 +56,16 @@ class StateBoard:
         texts = numbers + Ring.size(TEXT_BYTES)
         self._texts = Ring(buffer[numbers:texts], TEXT_BYTES)
         self._statistics = Ring(buffer[texts:], STATISTICS_BYTES)
-        self._values = np.full(ROWS * num_joints + IMU_VALUES + 2, np.nan)
+        self._values = np.full(ROWS * num_joints + IMU_VALUES + SINGLES, np.nan)
         self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
-        self._imu = self._values[ROWS * num_joints : REMOTE]
+        self._imu = self._values[ROWS * num_joints : CHARGE]
         self._joints[STAMP] = self._imu[-1] = self._values[REMOTE] = -np.inf
         self._values[ENERGISED] = 0.0
         self._lock = threading.Lock()
         self._faults: set[str] = set()
         self._buttons: tuple[str, ...] = ()
         self._stats: dict[str, float] = {}
+        self._supplies: dict[str, float] = {}
 
     @staticmethod
     def size(num_joints: int) -> int:
@@ -98,6 +103,19 @@ class StateBoard:
             if (pressed := tuple(sorted(buttons))) != self._buttons:
                 self._buttons = pressed
                 self._publish_texts()
+
+    def charge(self, share: float) -> None:
+        """What is left in the battery, 0 to 1. Shown with the next values of joints or IMU, as is `supply`."""
+        with self._lock:
+            self._values[CHARGE] = share
+            self._stats["battery charge %"] = 100.0 * share
+
+    def supply(self, source: str, share: float) -> None:
+        """The lowest supply voltage of one bus or port over the nominal one; the lowest of all is shown."""
+        with self._lock:
+            self._supplies[source] = share
+            self._values[SUPPLY] = lowest = min(self._supplies.values())
+            self._stats["battery supply %"] = 100.0 * lowest
 
     def energised(self, obeying: bool) -> None:
         """Whether the devices obey what is sent, from now on."""
@@ -144,7 +162,7 @@ class StateBoard:
             return None
         values = np.frombuffer(latest[1], dtype=np.float64)
         joints = values[: ROWS * self.num_joints].reshape(ROWS, self.num_joints)
-        imu = values[ROWS * self.num_joints : REMOTE]
+        imu = values[ROWS * self.num_joints : CHARGE]
         return Snapshot(
             joint_pos_rad=joints[POS],
             joint_vel_rad_s=joints[VEL],
@@ -155,6 +173,8 @@ class StateBoard:
             imu_ang_vel_b=imu[4:7],
             imu_acc_b=imu[7:10],
             imu_stamp_s=float(imu[10]),
+            charge=float(values[CHARGE]),
+            supply=float(values[SUPPLY]),
             remote_stamp_s=float(values[REMOTE]),
             energised=bool(values[ENERGISED]),
         )
@@ -191,4 +211,4 @@ def is_complete(snapshot: Snapshot | None) -> bool:
 
 
 def _number_bytes(num_joints: int) -> int:
-    return 8 * (ROWS * num_joints + IMU_VALUES + 2)
+    return 8 * (ROWS * num_joints + IMU_VALUES + SINGLES)

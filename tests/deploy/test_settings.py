@@ -51,7 +51,7 @@ def test_the_thresholds_of_the_design():
             {"safety__tilt__max_rad": float("nan")},
             r"safety\.tilt\.max_rad: not finite, got nan, expected a finite number$",
         ),
-        ({"safety__luck": {"ticks": 1}}, r"safety\.luck: unknown key, expected one of torque_limit, .*temperature$"),
+        ({"safety__luck": {"ticks": 1}}, r"safety\.luck: unknown key, expected one of torque_limit, .*battery$"),
         ({"blend_s": None}, r"blend_s: wrong type, got None, expected a number in s$"),
     ],
 )

@@ -49,12 +49,13 @@ def test_the_time_left_is_when_the_limit_is_reached():
     load_nm = LIMIT_NM * [0.6, 0.3]
     for _ in range(100):
         heat.step(load_nm, 1.0)
-    left_s = heat.left_s()
+    left_s = heat.left_s(120.0)
     assert left_s[1] == np.inf and left_s[0] > 10.0
+    assert heat.left_s(115.0)[0] < left_s[0]
     heat.step(load_nm, float(left_s[0]))
     assert heat.winding_c[0] == pytest.approx(120.0, abs=1.0)
     heat.step(load_nm, 60.0)
-    assert heat.left_s()[0] == 0.0
+    assert heat.left_s(115.0)[0] == heat.left_s(120.0)[0] == 0.0
 
 
 def test_a_measured_housing_is_believed_where_it_is_known():

@@ -202,6 +202,8 @@ class OdriveCodec(Codec):
         if what == TEMPERATURES:
             known = [value for value in struct.unpack("<ff", frame.data) if math.isfinite(value)]
             return Feedback(self.motor_id, temperature_c=max(known)) if known else None
+        if what == BUS_VOLTAGE:
+            return Feedback(self.motor_id, supply_v=struct.unpack("<ff", frame.data)[0])
         if what == HEARTBEAT:
             errors, axis_state = struct.unpack("<IB", frame.data[:5])
             return Feedback(self.motor_id, faults=_named(errors), enabled=axis_state == CLOSED_LOOP)

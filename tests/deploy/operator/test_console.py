@@ -19,12 +19,14 @@ class Trial:
     def __init__(self) -> None:
         self.backend = SimpleNamespace(control_period_s=0.02, undamped=lambda: self.undamped)
         self.undamped: tuple[str, ...] | None = JOINTS
+        self.lowered_by: str | None = None
         self.voice = SpokenAtOnce()
         self.console = Console(self.voice, self.backend, SimulatedClock(), refusals=False)
 
     def ticks(self, count: int, *modes: Mode) -> None:
         for tick in range(count):
-            result = SimpleNamespace(modes=() if tick else modes, fault=None, refused=(), warning=None)
+            said = {"fault": None, "refused": (), "warning": None, "lowered_by": self.lowered_by}
+            result = SimpleNamespace(modes=() if tick else modes, **said)
             self.console(None, result, PhaseTimer())
 
 
@@ -72,3 +74,9 @@ def test_the_last_word_waits_for_an_answer(trial: Trial, heard: bool, capsys: py
     trial.console.finish()
     out, error = capsys.readouterr()
     assert (out == "damping\n", "NOT DAMPED" in error) == (heard, not heard)
+
+
+def test_why_a_robot_is_lowered_by_itself_is_said(trial: Trial, capsys: pytest.CaptureFixture[str]) -> None:
+    trial.lowered_by = "knee will be too hot in 0.5 minutes at this load"
+    trial.ticks(1, Mode.LOWERING)
+    assert capsys.readouterr() == ("LOWERING\n", f"lowered: {trial.lowered_by}\n")

@@ -48,6 +48,7 @@ def kick(name, at_tick, velocity_xy, late=False):
         cell.start_tracking()
         plan = Kicked(backend, at_tick, np.array(velocity_xy), late)
         cell.loop(backend, clock, plan=plan).run()
+    assert cell.guard.counts["implausible"] == 0, "what truly happened is believed"
     return cell.machine.fault, plan
 
 

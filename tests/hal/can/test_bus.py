@@ -62,6 +62,18 @@ def test_every_joint_is_read_and_told_in_its_own_terms(motors: tuple) -> None:
         assert dq == 0.0
 
 
+@pytest.mark.parametrize(("nominal_v", "share"), [(28.0, 0.875), (None, math.nan)])
+def test_the_supply_that_an_odrive_reports_is_judged_against_the_nominal_one(
+    nominal_v: float | None, share: float
+) -> None:
+    rig = Rig(robot_file(motor(HIP, 3, codec="odrive", model="S1"), motor(KNEE, 2), supply_v=nominal_v))
+    rig.begin()
+    rig.link.say(Frame(0x77, bytes.fromhex("0000C441000080BF")))  # 24.5 V
+    rig.round(2)
+    snapshot = rig.board.snapshot()
+    assert snapshot is not None and snapshot.supply == pytest.approx(share, nan_ok=True)
+
+
 def test_damping_is_kp_zero_with_the_robots_kd() -> None:
     rig = ready(Rig(robot_file(*MIXED)))
     rig.track(G1.default_pos_rad)

@@ -329,6 +329,14 @@ def test_temperatures_and_the_remote_arrive(emulator: Emulator) -> None:
         assert host.seen().remote_stamp_s > 0
 
 
+def test_the_state_of_charge_arrives(emulator: Emulator) -> None:
+    with Host(emulator) as host:
+        wait(lambda: host.seen().charge == 0.8)
+        emulator.control.fault("battery_low", "lowstate", value=19.0)
+        wait(lambda: host.seen().charge == 0.19)
+        assert host.state.all_stats()["battery charge %"] == 19.0 and np.isnan(host.seen().supply)
+
+
 def test_a_robot_that_loses_power_comes_back_under_its_own_service(emulator: Emulator) -> None:
     with Host(emulator) as host:
         host.enable()

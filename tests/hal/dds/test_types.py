@@ -1,5 +1,6 @@
 """What is announced and what is sent must be what the robot expects, to the byte."""
 
+import struct
 from hashlib import md5
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 
 from hal.dds import types
+from hal.dds.battery import charge_of
 from hal.dds.crc import checksum
 from hal.dds.layout import CMD, STATE
 
@@ -62,7 +64,32 @@ def test_requests_are_announced_as_the_robot_announces_them(kind: Any, begin: st
     assert information(kind)[2].startswith(begin)
 
 
+def test_the_battery_message_has_its_bytes_where_the_declared_type_has_them() -> None:
+    """Three bytes, one of padding, 40 cells, three voltages, the current: then the state of charge, the 101st byte."""
+    fields = {name: kind for name, kind in types.BmsState_.__annotations__.items()}
+    assert list(fields) == [
+        "version_high", "version_low", "fn", "cell_vol", "bmsvoltage", "current", "soc", "soh", "temperature", "cycle",
+        "manufacturer_date", "bmsstate", "reserve",
+    ]  # fmt: skip
+    body = bytearray(164)
+    body[100] = 57
+    assert charge_of(bytes(body)) == 0.57
+    assert types.BmsState_.deserialize(b"\0\1\0\0" + bytes(body)).body == body
+    plain_bms = [9, 8, 7, range(1000, 1040), (1, 2, 3), -4, 57, 99, range(-6, 6), 5, 6, range(5), range(3)]
+    assert charge_of(struct.pack("<3Bx40H3Ii2B12h2H2x5I3I", *_flat(plain_bms))) == 0.57
+
+
+@pytest.mark.parametrize("body", [None, b"", bytes(163), bytes(165), bytes(100) + b"\x65" + bytes(63)])
+def test_what_is_no_battery_message_or_more_than_full_says_nothing(body: bytes | None) -> None:
+    assert charge_of(body) is None
+
+
+def _flat(values: Any) -> list[int]:
+    return [number for value in values for number in ([value] if isinstance(value, int) else value)]
+
+
 def test_names_on_the_wire() -> None:
+    assert types.BmsState_.__idl__.idl_transformed_typename == "unitree_hg::msg::dds_::BmsState_"
     assert types.LowCmd_.__idl__.idl_transformed_typename == "unitree_hg::msg::dds_::LowCmd_"
     assert types.Request_.__idl__.idl_transformed_typename == "unitree_api::msg::dds_::Request_"
 

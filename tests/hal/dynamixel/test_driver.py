@@ -57,6 +57,16 @@ def test_states_are_those_of_the_robot_by_name(bench: Bench) -> None:
     assert found.imu_acc_b == pytest.approx(true.imu_acc_b, abs=1e-3)
 
 
+def test_the_lowest_supply_of_all_servos_is_reported(bench: Bench) -> None:
+    """12 V nominal; the knee's servo has 9.9 V."""
+    bench.begin()
+    bench.until(lambda: bench.state.snapshot() is not None and bench.snapshot.supply == 1.0)
+    bench.servo(KNEE)._set(r.PRESENT_VOLTAGE, 99)
+    bench.until(lambda: bench.snapshot.supply == pytest.approx(0.825))
+    bench.servo(KNEE)._set(r.PRESENT_VOLTAGE, 120)
+    bench.until(lambda: bench.snapshot.supply == 1.0)
+
+
 def test_enabling_leads_into_damping_then_commands_then_damping_again(bench: Bench) -> None:
     bench.begin()
     bench.energise()

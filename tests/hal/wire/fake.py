@@ -43,6 +43,7 @@ class FakeFactory:
     enable_fails: bool = False
     acknowledge_s: float = 0.0
     buttons: tuple[str, ...] = ()
+    charge: float | None = None
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
 
     def __call__(self, robot: Robot) -> "FakeDriver":
@@ -110,6 +111,8 @@ class FakeDriver:
         )
         self.state.imu(seen.imu_quat_wxyz, seen.imu_ang_vel_b, seen.imu_acc_b, seen.time_s - seen.imu_age_s)
         self.state.remote(self.setup.buttons, seen.time_s)
+        if self.setup.charge is not None:
+            self.state.charge(self.setup.charge)
         self.state.stats("published", 1.0)
         for name in self.joint_names:
             fault = f"motor_fault:{name}"

@@ -202,6 +202,15 @@ def test_the_remote_is_heard():
     assert backend.remote() == ((), np.inf)
 
 
+@pytest.mark.parametrize("charge", [0.4, None])
+def test_the_battery_is_known_where_it_is_reported(charge):
+    with fake_backend(charge=charge) as backend:
+        ready(backend)
+        wait_until(lambda: backend.read().charge == charge or charge is None)
+        state = backend.read()
+    assert (state.charge == charge or np.isnan(state.charge)) and np.isnan(state.supply)
+
+
 def test_the_report_names_cycles_and_figures():
     with fake_backend() as backend:
         ready(backend)

@@ -99,7 +99,7 @@ def robstride_holds_state(codec, frame):
 def odrive_holds_state(codec, frame):
     if frame.extended or frame.remote or len(frame.data) != 8 or frame.arbitration_id >> 5 != codec.motor_id:
         return False
-    return frame.arbitration_id & 31 in (0x01, 0x03, 0x09, 0x15, 0x1C)
+    return frame.arbitration_id & 31 in (0x01, 0x03, 0x09, 0x15, 0x17, 0x1C)
 
 
 def moteus_holds_state(codec, frame):

@@ -94,6 +94,11 @@ def test_torque_is_the_estimate_not_the_target():
     assert CODEC.parse(Frame(0x7C, data("00 00 80 3F 00 00 00 40"))) == Feedback(3, torque_nm=2.0)
 
 
+def test_the_supply_is_the_first_of_voltage_and_current():
+    """24.5 V and -1 A."""
+    assert CODEC.parse(Frame(0x77, data("00 00 C4 41 00 00 80 BF"))) == Feedback(3, supply_v=24.5)
+
+
 def test_temperature_is_the_higher_of_those_there_are():
     assert CODEC.parse(Frame(0x75, data("00 00 20 42 00 00 C0 7F"))) == Feedback(3, temperature_c=40.0)
     assert CODEC.parse(Frame(0x75, data("00 00 20 42 00 00 48 42"))) == Feedback(3, temperature_c=50.0)
