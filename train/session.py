@@ -26,6 +26,7 @@ from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stoppi
 from train.interface import Environment
 from train.learner.build import build_learner
 from train.learner.learner import Learner
+from train.learner.networks import ActorNetwork
 from train.lineage import begin_from
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
@@ -199,6 +200,15 @@ def _blind_spots(setup: Setup, learner: Learner, runner: Runner, progress: Train
     return {"blind_spots": {spot.what: {"share": spot.share, "ratio": spot.ratio} for spot in spots}}
 
 
+def _write_actor(setup: Setup, learner: Learner, actor: ActorNetwork, facts: Mapping[str, Any], path: Path) -> str:
+    """The actor's file, and beside it what else its learner knows; SHA-256 of the first."""
+    spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, setup.config.environment.actor_group())
+    digest = export_actor(actor, spec, setup.clip, path)
+    if isinstance(learner, WorldModelLearner):
+        write_companion(path.parent / COMPANION_FILE, learner.beside_actor(), digest)
+    return digest
+
+
 def _export(
     setup: Setup,
     runner: Runner,
@@ -224,11 +234,8 @@ def _export(
         **_learned_from(setup),
         TIME_PREFIX + "wall_s": runner.wall_s,
     }
-    path, group = setup.run_dir / ACTOR_FILE, setup.config.environment.actor_group()
-    spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, group)
-    digest = export_actor(actor, spec, setup.clip, path)
-    if isinstance(runner.learner, WorldModelLearner):
-        write_companion(setup.run_dir / COMPANION_FILE, runner.learner.beside_actor(), digest)
+    path = setup.run_dir / ACTOR_FILE
+    digest = _write_actor(setup, runner.learner, actor, facts, path)
     document = {
         "outcome": outcome,
         **facts,

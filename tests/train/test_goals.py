@@ -150,7 +150,7 @@ def test_without_settings_everybody_is_shown_everything_and_nothing_is_drawn():
 def test_errors_are_told_by_kind():
     kinds = {"full": 0.5, "steer": 0.4, "none": 0.0, "random": 0.1}
     bits = torch.tensor([bits_of(KINDS["full"]), bits_of(KINDS["steer"]), bits_of(KINDS["steer"]), 5])
-    told = errors_by_kind(bits, torch.tensor([10.0, 20.0, 40.0, 70.0]), kinds)
+    told = errors_by_kind(GoalSettings(kinds), bits, torch.tensor([10.0, 20.0, 40.0, 70.0]))
     assert told == {"goal/full_empbpe_mm": 10.0, "goal/steer_empbpe_mm": 30.0, "goal/random_empbpe_mm": 70.0}
 
 

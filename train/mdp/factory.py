@@ -42,11 +42,8 @@ def build_environment(
     if isinstance(references, Reference):
         references = {"clip": references}
     scene = _shared_scene(references)
-    if asks_for([settings.actor_group()], "reference_feedforward"):
-        references = {name: with_feedforward(robot, reference) for name, reference in references.items()}
     follows_goals = asks_for([settings.actor_group()], "goal_visible")
-    if follows_goals:
-        references = {name: with_steering(reference) for name, reference in references.items()}
+    references = {name: _with_tables(reference, robot, settings) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -66,6 +63,13 @@ def build_environment(
     table = _table(robot, [*references.values()], device, goals=follows_goals)
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
+
+
+def _with_tables(reference: Reference, robot: Robot, settings: EnvironmentSettings) -> Reference:
+    """With what the actor's terms look at besides."""
+    groups = [settings.actor_group()]
+    reference = with_feedforward(robot, reference) if asks_for(groups, "reference_feedforward") else reference
+    return with_steering(reference) if asks_for(groups, "goal_visible") else reference
 
 
 def _recovery(settings: EnvironmentSettings, robot: Robot, scene: Scene, device: Device) -> ReferenceTable:

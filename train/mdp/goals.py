@@ -1,6 +1,5 @@
 """Which parts of its goal each robot is shown: drawn with the episode, kept as bits."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import torch
@@ -60,9 +59,11 @@ def visible(bits: torch.Tensor) -> torch.Tensor:
     return ((bits[:, None] >> torch.arange(len(PARTS), device=bits.device)) & 1).float()
 
 
-def errors_by_kind(bits: torch.Tensor, error_mm: torch.Tensor, kinds: Mapping[str, float]) -> dict[str, float]:
+def errors_by_kind(settings: GoalSettings | None, bits: torch.Tensor, error_mm: torch.Tensor) -> dict[str, float]:
     """Mean error (B,) of the robots that are shown each kind of goal, ``goal/KIND_empbpe_mm``; others are random."""
-    known = {name: bits == bits_of(KINDS[name]) for name in kinds if name != RANDOM}
-    if RANDOM in kinds:
+    if settings is None:
+        return {}
+    known = {name: bits == bits_of(KINDS[name]) for name in settings.kinds if name != RANDOM}
+    if RANDOM in settings.kinds:
         known[RANDOM] = ~torch.stack([*known.values(), torch.zeros_like(bits, dtype=torch.bool)]).any(dim=0)
     return {f"goal/{name}_empbpe_mm": float(error_mm[of].mean()) for name, of in known.items() if of.any()}

@@ -91,11 +91,7 @@ class TrackingEnv:
         physics = self._physics.state()
         bodies = self._physics.bodies(physics)
         return EnvState(
-            clip=clip,
-            goal=goal,
-            tick=tick,
-            start_tick=start_tick,
-            episode_steps=steps,
+            **dict(clip=clip, goal=goal, tick=tick, start_tick=start_tick, episode_steps=steps),
             uniform_start=torch.zeros(envs, dtype=torch.bool, device=device),
             last_action=torch.zeros(envs, self.num_actions, device=device),
             contact=torch.zeros(envs, 2, dtype=torch.bool, device=device),
@@ -207,7 +203,7 @@ class TrackingEnv:
         """Of this step, over all environments."""
         return {
             **{name: float(values.mean()) for name, values in self.last_errors.items()},
-            **self._errors_by_goal(),
+            **errors_by_kind(self.settings.goals, self.state.goal, self.last_errors["empbpe_mm"]),
             "diverged": float(self.diverged.float().mean()),
             "episode_length_ratio": self._length_ratio.value,
             "survival_of_uniform_starts": self.uniform_average.survival,
@@ -216,11 +212,6 @@ class TrackingEnv:
             "randomization": self.simulator.randomization,
             **{f"sigma/{name}": float(v) for name, v in zip(self.rewards.sigma.names, self.rewards.sigma.sigma)},
         }
-
-    def _errors_by_goal(self) -> dict[str, float]:
-        if self.settings.goals is None:
-            return {}
-        return errors_by_kind(self.state.goal, self.last_errors["empbpe_mm"], self.settings.goals.kinds)
 
     def figures(self) -> dict[str, float]:
         """What is known of each clip; see :meth:`train.mdp.command.Command.figures`."""

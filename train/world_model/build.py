@@ -57,14 +57,7 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
         _critic(settings, joints, layout.ahead_size + context, config.precision, stream("critic")),
         handed_over,
         _imagination(settings, env, robot, stream("imagination")),
-        Starts(
-            settings.starts,
-            its_ring := copy.copy(ring),
-            env.command.table,
-            _past(layout),
-            stream("starts"),
-            env.settings.goals,
-        ),
+        _starts(settings, env, its_ring := copy.copy(ring), layout, stream("starts")),
         rounds * settings.policy.updates,
     )
     for module in (handed_over, learning.averaged):
@@ -85,6 +78,12 @@ def _imagination(
         robot, env.actor_group, env.command.table, env.settings.observation_noise, settings.imagination, ACTION_SCALE,
         CONTROL_PERIOD_S, generator,
     )  # fmt: skip
+
+
+def _starts(
+    settings: WorldModelSettings, env: TrackingEnv, ring: Ring, layout: Layout, generator: torch.Generator
+) -> Starts:
+    return Starts(settings.starts, ring, env.command.table, _past(layout), generator, env.settings.goals)
 
 
 def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ring: Ring, past: int) -> Comparison:
