@@ -8,6 +8,7 @@ from hal.can.frame import Frame
 from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.can.motor import Motor
 from hal.can.talk import ask, listen
+from hal.can.torque_check import TorqueCheck
 from hal.can.zero_mark import require_mark
 from hal.contract.types import DeviceError, DeviceFault
 
@@ -60,6 +61,7 @@ def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
     if motor.codec.watchdog_fault is not None and motor.codec.watchdog_fault in motor.faults:
         ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=1)
     frames = (*motor.codec.enable(), *motor.codec.damping(motor.damping_kd))
+    motor.torque_check = TorqueCheck(min(motor.limit_nm, motor.codec.model.torque_nm))
     motor.enabled = motor.switching = True
     try:
         motor.enabled = ask(bus, motor, frames, _says_on, tries=SWITCH_TRIES) is not None
@@ -79,7 +81,7 @@ def switch_off(bus: CanBus, motor: Motor) -> None:
 
 def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> None:
     """The operator's word after a fault: clear it, check everything anew, switch on into damping where it was on."""
-    motor.enabled = False
+    motor.enabled, motor.torque_check = False, None
     ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=ANSWER_TRIES)
     prepare(bus, motor, watchdog_s)
     faults = [name for name in motor.faults if name != motor.codec.watchdog_fault]
