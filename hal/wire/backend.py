@@ -33,7 +33,7 @@ from world.actuation import JointCommand, damping_command
 LINK_TIMEOUT_S = 0.1
 OPEN_LIMIT_S = 60.0
 # With what a run does besides, a stop ends it within 5 s.
-CLOSE_WITHIN_S = 3.9
+CLOSE_WITHIN_S = 3.0
 END_LIMIT_S = 0.8
 OPENING_END_S = 1.0
 REPORT_LIMIT_S = 0.5
@@ -88,7 +88,7 @@ class WireBackend(ClosesByDamping):
         self._board, self._state, self._pulse = Boards.of(memory.buffer, self.robot.num_joints)
         self._texts: tuple[int, tuple[str, ...], tuple[str, ...]] = (0, (), ())
         self._dead_man = DeadMan(self.control_period_s)
-        self._commanded = False
+        self._commanded, self._damped_since_s = False, math.inf
         self._start(memory, setup)
         memory.close_descriptor()
         try:
@@ -137,7 +137,7 @@ class WireBackend(ClosesByDamping):
         self._require_open()
         if command.q_rad.size != self.robot.num_joints:
             raise ValueError(f"{self.name}: got {command.q_rad.size} joints, expected {self.robot.num_joints}")
-        now_s = self.clock.now_s()
+        now_s, self._damped_since_s = self.clock.now_s(), math.inf
         if self._dead_man.feed(now_s):
             self._board.post(Kind.TRACK, now_s, command)
         else:
@@ -149,7 +149,9 @@ class WireBackend(ClosesByDamping):
         if not self._is_open:
             return
         self._dead_man.disarm()
-        self._board.post(Kind.DAMP, self.clock.now_s(), self._damping)
+        now_s = self.clock.now_s()
+        self._damped_since_s = min(self._damped_since_s, now_s)
+        self._board.post(Kind.DAMP, now_s, self._damping)
         self._energise()
 
     def undamped(self) -> tuple[str, ...] | None:
