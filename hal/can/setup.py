@@ -1,6 +1,7 @@
 """Conversations with one servo: find and check it, switch it on and off. All raise DeviceError saying what is wrong."""
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from core import robot_time as time
@@ -44,9 +45,11 @@ def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = 
     _set_watchdog(bus, motor, watchdog_s)
     asked = zip(motor.codec.setup_names, motor.codec.read_setup())
     parameters = {name: _parameter(bus, motor, name, question) for name, question in asked}
-    motor.codec = motor.codec.with_setup(parameters)
+    with _naming(motor):
+        motor.codec = motor.codec.with_setup(parameters)
     state = _state(bus, motor)
-    motor.codec.check_feedback(parameters, state)
+    with _naming(motor):
+        motor.codec.check_feedback(parameters, state)
     if calibrated:
         require_mark(bus, motor, parameters.get(ZERO_MARK))
         bus.settle_turns(motor)
@@ -108,6 +111,15 @@ def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> Non
     if on:
         switch_on(bus, motor)
     bus.forget(motor)
+
+
+@contextlib.contextmanager
+def _naming(motor: Motor) -> Iterator[None]:
+    """A codec knows no joint."""
+    try:
+        yield
+    except DeviceFault as error:
+        raise DeviceFault(f"{motor.joint}: {error}") from error
 
 
 def _check_reach(bus: CanBus, motor: Motor) -> None:
