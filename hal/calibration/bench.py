@@ -153,7 +153,7 @@ class Bench:
             for _ in range(math.ceil(DAMPED_S / self.period_s)):
                 self._exchange(self._reading().pos_rad, 0.0)
         finally:
-            switch_off(self._bus, self._motor)
+            switch_off(self._bus, [self._motor])
 
     def _exchange(self, target_rad: float, kp: float) -> None:
         joint = JointCommand(*(np.array([value]) for value in (target_rad, 0.0, kp, self._kd, 0.0)))

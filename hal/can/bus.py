@@ -51,12 +51,12 @@ class CanBus:
         self.bands = lower[members], upper[members]
         self.fold = np.array([entry.fold for entry in entries], dtype=bool)
         damping = self.map.raw_gain(robot.damping_kd[self.index]).tolist()
-        self.motors = [
-            Motor(entry.joint, row, file.codecs[i], kd)
-            for row, (i, entry, kd) in enumerate(zip(members, entries, damping))
-        ]
         limits_nm = [
             min(entry.limits.torque_nm or np.inf, robot.torque_limit_nm[k]) for entry, k in zip(entries, self.index)
+        ]
+        self.motors = [
+            Motor(entry.joint, row, file.codecs[i], kd, float(limits_nm[row]) / entry.gear)
+            for row, (i, entry, kd) in enumerate(zip(members, entries, damping))
         ]
         self._targets = MotorTargets(self.index, np.array(limits_nm))
         self._demultiplexer = Demultiplexer(self.motors)
@@ -277,6 +277,8 @@ class CanBus:
                 self.latch(motor, reason)
         if motor.enabled and not motor.switching and motor.drive_on is False and not motor.faults:
             self.latch(motor, "it has switched itself off")
+        if motor.torque_check is not None and motor.torque_check.problem is not None:
+            self.latch(motor, motor.torque_check.problem)
 
     def _reopen(self, now_s: float) -> None:
         """An adapter that is gone is looked for every 0.5 s. It is back only when the operator says so."""

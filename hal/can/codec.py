@@ -25,6 +25,7 @@ class MotorModel:
     """Ranges of one motor model's fields: positions, velocities, torques are +-max, gains 0..max.
 
     pos_rad, vel_rad_s, torque_nm, kp (Nm/rad), kd (Nm s/rad). math.inf where the protocol sends plain floats.
+    speed_limit_rad_s: where the drive holds back or lets go, if it has said so.
     """
 
     name: str
@@ -33,6 +34,7 @@ class MotorModel:
     torque_nm: float
     kp: float
     kd: float
+    speed_limit_rad_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,9 +91,13 @@ class CanDriver:
     def disable(self) -> None:
         """See Driver."""
         self._energised = False
-        for bus in self._buses:
+
+        def release(bus: CanBus) -> list[str]:
             bus.end_rounds()
-        _raise_all(self._each_motor(switch_off))
+            switch_off(bus, bus.motors)
+            return []
+
+        _raise_all(self._each_bus(release))
 
     def acknowledge(self) -> None:
         """See Driver."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from hal.can.codec import Codec, MotorCommand
 from hal.can.messages import Feedback, Message
+from hal.can.torque_check import TorqueCheck
 
 KEPT_QUESTIONS = 64
 DOUBT_ROUNDS = 8
@@ -62,12 +63,14 @@ class Motor:
     Values are the motor's own, nan until it has said them, stamped with the monotonic clock. enabled: the host has
     switched it on; switching: it is about to. damped_only: it has shown a fault; nothing but damping is sent until the
     operator acknowledges. inbox: what it said last, for conversations. serial: its maker's number; empty: it has none.
+    limit_nm: what its joint allows, at its shaft. torque_check: since it was switched on.
     """
 
     joint: str
     row: int
     codec: Codec
     damping_kd: float
+    limit_nm: float = math.inf
     unanswered: Unanswered = field(default_factory=Unanswered)
     pos_rad: float = math.nan
     vel_rad_s: float = math.nan
@@ -89,6 +92,7 @@ class Motor:
     serial: str = ""
     latched: set[str] = field(default_factory=set)
     inbox: deque[Message] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))
+    torque_check: TorqueCheck | None = None
 
     @property
     def stamp_s(self) -> float:
@@ -127,3 +131,5 @@ class Motor:
         if feedback.enabled is not None:
             self.drive_on = feedback.enabled
         self.heard = self.news = True
+        if feedback.torque_nm is not None and self.torque_check is not None and self.last is not None:
+            self.torque_check.hear(self.last, self.pos_rad, self.vel_rad_s, self.torque_nm)

@@ -218,7 +218,7 @@ def load_robot_file(name_or_file: str | Path = DEFAULT_CONFIG) -> RobotFile:
 
 
 def check_motors(file: RobotFile, robot: Robot) -> None:
-    """Refuse motors whose torque or gains do not reach what their joints ask for. Raises InputError naming the joint.
+    """Refuse motors whose torque, gains or speed do not reach what their joints need. Raises InputError with the joint.
 
     A motor may be weaker than its joint's torque limit where its line says so (`limits`), down to `least_torque`.
     """
@@ -229,23 +229,28 @@ def check_motors(file: RobotFile, robot: Robot) -> None:
 def check_motor(file: RobotFile, motor: MotorEntry, codec: Codec, robot: Robot) -> None:
     """Likewise of one motor, with the ranges that it says it has. Raises InputError."""
     i = robot.joint_names.index(motor.joint)
-    limit_nm = float(robot.torque_limit_nm[i])
+    limit_nm, model = float(robot.torque_limit_nm[i]), codec.model
     needed_nm = max(min(limit_nm, motor.limits.torque_nm or math.inf), file.least_torque * limit_nm)
+    # A drive that limits its speed limits the spring's torque to kd times that.
+    needed_rad_s = max(float(robot.vel_limit_rad_s[i]), needed_nm / float(robot.kd[i]))
     asked = (
-        ("Nm", needed_nm, min(codec.model.torque_nm * motor.gear, motor.limits.torque_nm or math.inf)),
-        ("Nm/rad", float(robot.kp[i]), codec.model.kp * motor.gear**2),
-        ("Nm s/rad", float(max(robot.kd[i], robot.damping_kd[i])), codec.model.kd * motor.gear**2),
+        ("weak", "Nm", needed_nm, min(model.torque_nm * motor.gear, motor.limits.torque_nm or math.inf)),
+        ("weak", "Nm/rad", float(robot.kp[i]), model.kp * motor.gear**2),
+        ("weak", "Nm s/rad", float(max(robot.kd[i], robot.damping_kd[i])), model.kd * motor.gear**2),
+        ("slow", "rad/s", needed_rad_s, model.speed_limit_rad_s / motor.gear),
     )
-    for unit, needed, given in asked:
+    hints = {
+        "Nm": f"torque may be limited in the file (`limits: {{torque_nm: ...}}`) down to {file.least_torque:.0%}",
+        "rad/s": "raise the drive's vel_limit: it disarms beyond, and its spring gives at most kd times that",
+    }
+    for what, unit, needed, given in asked:
         if given < needed * (1.0 - ROUNDING):
             raise InputError(
-                f"{motor.model} is too weak",
+                f"{motor.model} is too {what}",
                 where=f"motor of {motor.joint}",
                 got=f"{given:g} {unit} at the joint",
                 expected=f"{needed:g} {unit}",
-                hint=f"torque may be limited in the file (`limits: {{torque_nm: ...}}`) down to {file.least_torque:.0%}"
-                if unit == "Nm"
-                else None,
+                hint=hints.get(unit),
             )
 
 

@@ -1,17 +1,22 @@
 """Conversations with one servo: find and check it, switch it on and off. All raise DeviceError saying what is wrong."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
+from core import robot_time as time
 from hal.can.bus import CanBus
 from hal.can.codec import WATCHDOG_S, ZERO_MARK, CommandKind, MotorCommand
 from hal.can.frame import Frame
 from hal.can.messages import Feedback, Identity, Message, Parameter
 from hal.can.motor import Motor
 from hal.can.talk import ask, listen
+from hal.can.torque_check import TorqueCheck
 from hal.can.zero_mark import require_mark
 from hal.contract.types import DeviceError, DeviceFault
 
 SWITCH_TRIES = 10
+SWITCH_OFF_S, AGAIN_S = 0.5, 0.05
 ANSWER_TRIES = 6
 IDENTITY_TRIES = 2
 WATCHDOG_TOLERANCE = 0.02
@@ -40,9 +45,11 @@ def prepare(bus: CanBus, motor: Motor, watchdog_s: float, *, calibrated: bool = 
     _set_watchdog(bus, motor, watchdog_s)
     asked = zip(motor.codec.setup_names, motor.codec.read_setup())
     parameters = {name: _parameter(bus, motor, name, question) for name, question in asked}
-    motor.codec = motor.codec.with_setup(parameters)
+    with _naming(motor):
+        motor.codec = motor.codec.with_setup(parameters)
     state = _state(bus, motor)
-    motor.codec.check_feedback(parameters, state)
+    with _naming(motor):
+        motor.codec.check_feedback(parameters, state)
     if calibrated:
         require_mark(bus, motor, parameters.get(ZERO_MARK))
         bus.settle_turns(motor)
@@ -60,6 +67,7 @@ def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
     if motor.codec.watchdog_fault is not None and motor.codec.watchdog_fault in motor.faults:
         ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=1)
     frames = (*motor.codec.enable(), *motor.codec.damping(motor.damping_kd))
+    motor.torque_check = TorqueCheck(min(motor.limit_nm, motor.codec.model.torque_nm))
     motor.enabled = motor.switching = True
     try:
         motor.enabled = ask(bus, motor, frames, _says_on, tries=SWITCH_TRIES) is not None
@@ -70,16 +78,31 @@ def switch_on(bus: CanBus, motor: Motor, *, calibrated: bool = True) -> None:
         raise DeviceError(f"{motor.name}: does not switch on ({faults})")
 
 
-def switch_off(bus: CanBus, motor: Motor) -> None:
-    """Take the drive away, and be sure of it: a lost frame must not leave a motor on."""
-    motor.enabled = False
-    if ask(bus, motor, motor.codec.disable(), _says_off, tries=SWITCH_TRIES) is None:
-        raise DeviceError(f"{motor.name}: has not confirmed that it is off")
+def switch_off(bus: CanBus, motors: Sequence[Motor]) -> None:
+    """Take the drive away from all of them, again and again for half a second, until each has confirmed it: a lost
+    frame must not leave a motor on, and a silent motor must not keep the others. Raises DeviceError naming the rest."""
+    end_s = time.monotonic() + SWITCH_OFF_S
+    waiting = list(motors)
+    for motor in waiting:
+        motor.enabled = False
+    while waiting and (now_s := time.monotonic()) < end_s:
+        with bus.lock:
+            for motor in waiting:
+                motor.inbox.clear()
+                motor.unanswered.restart(now_s)
+            bus.link.send([frame for motor in waiting for frame in motor.codec.disable()])
+            until_s = min(end_s, now_s + AGAIN_S)
+            while waiting and (frame := bus.link.receive(until_s)) is not None:
+                bus.take(frame, now_s)
+                waiting = [motor for motor in waiting if not any(map(partial(_says_off, motor), motor.inbox))]
+    if waiting:
+        names = ", ".join(motor.name for motor in waiting)
+        raise DeviceError(f"bus {bus.name}: has not confirmed within {SWITCH_OFF_S:g} s that it is off: {names}")
 
 
 def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> None:
     """The operator's word after a fault: clear it, check everything anew, switch on into damping where it was on."""
-    motor.enabled = False
+    motor.enabled, motor.torque_check = False, None
     ask(bus, motor, motor.codec.clear_fault(), _is_feedback, tries=ANSWER_TRIES)
     prepare(bus, motor, watchdog_s)
     faults = [name for name in motor.faults if name != motor.codec.watchdog_fault]
@@ -88,6 +111,15 @@ def bring_back(bus: CanBus, motor: Motor, watchdog_s: float, *, on: bool) -> Non
     if on:
         switch_on(bus, motor)
     bus.forget(motor)
+
+
+@contextlib.contextmanager
+def _naming(motor: Motor) -> Iterator[None]:
+    """A codec knows no joint."""
+    try:
+        yield
+    except DeviceFault as error:
+        raise DeviceFault(f"{motor.joint}: {error}") from error
 
 
 def _check_reach(bus: CanBus, motor: Motor) -> None:
@@ -147,5 +179,8 @@ def _says_on(message: Message) -> bool:
     return isinstance(message, Feedback) and message.enabled is not False and message.pos_rad is not None
 
 
-def _says_off(message: Message) -> bool:
-    return isinstance(message, Feedback) and not message.enabled
+def _says_off(motor: Motor, message: Message) -> bool:
+    """Likewise; but of one that speaks unasked only the word counts."""
+    if not isinstance(message, Feedback):
+        return False
+    return message.enabled is False or (message.enabled is None and motor.codec.cyclic_period_s is None)

@@ -40,6 +40,7 @@ def require_mark(bus: CanBus, motor: Motor, marked: float | None) -> None:
         raise DeviceFault(
             f"{motor.name}: forgets its zero without power, and was not zeroed since its power came on (or not to the"
             f" zero_rad of the robot file): support the robot and run hal/zero {motor.joint} --stop lower --write"
+            " (hal/jog turns it before that with --from-here)"
         )
 
 

@@ -14,6 +14,7 @@ from world.actuation import JointCommand
 REST_SPEED_RAD_S = 0.3
 REST_HELD_S = 0.5
 CLOSE_LIMIT_S = 3.0
+CLOSE_LEAST_S = 1.0
 
 
 @runtime_checkable
@@ -98,7 +99,11 @@ class Placeable(Protocol):
 
 
 class ClosesByDamping(ABC):
-    """Context manager and orderly end, shared by all backends. A subclass sets `_is_open` when it has opened."""
+    """Context manager and orderly end, shared by all backends. A subclass sets `_is_open` when it has opened.
+
+    _damped_since_s: since when nothing but damping was asked for, where a subclass knows; inf while it was not. It
+    counts for the longest time that closing damps, of which at least 1 s is left.
+    """
 
     def __init__(self, clock: Clock, control_period_s: float) -> None:
         if not 0 < control_period_s < math.inf:
@@ -106,6 +111,7 @@ class ClosesByDamping(ABC):
         self.clock = clock
         self.control_period_s = control_period_s
         self._is_open = False
+        self._damped_since_s = math.inf
 
     @abstractmethod
     def open(self) -> DeviceInfo:
@@ -150,10 +156,11 @@ class ClosesByDamping(ABC):
 
     def _damp_to_rest(self) -> None:
         start_s = self.clock.now_s()
+        end_s = max(min(start_s, self._damped_since_s) + CLOSE_LIMIT_S, start_s + CLOSE_LEAST_S)
         resting_since_s: float | None = None
         self.damp()
         tick = 0
-        while self.clock.now_s() - start_s < CLOSE_LIMIT_S:
+        while self.clock.now_s() < end_s:
             tick += 1
             self.clock.sleep_until(start_s + tick * self.control_period_s)
             self.damp()

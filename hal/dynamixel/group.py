@@ -10,7 +10,7 @@ from hal.dynamixel import protocol2 as p2
 from hal.dynamixel import registers as r
 from hal.dynamixel import setup
 from hal.dynamixel.jobs import JobQueue
-from hal.dynamixel.port import PATIENT_S, ServoPort, Silent
+from hal.dynamixel.port import ServoPort, Silent
 from hal.dynamixel.questions import Heard, StateQuestions
 from hal.dynamixel.robot_file import DynamixelOptions, PortOptions
 from hal.dynamixel.setup import FoundServo, Job, Servo
@@ -25,6 +25,7 @@ INSPECT_EVERY = 4
 LATE_S = 0.1
 REOPEN_S = 0.5
 RETURN_S = 3.0
+DISABLE_S, BRIEF_S = 0.5, 0.03
 LISTEN_S = 0.05
 STRANGER = "second controller: somebody else commands servos"
 
@@ -89,15 +90,28 @@ class ServoGroup:
         return self._each(self._enable, range(len(self.servos)))
 
     def disable(self) -> list[str]:
-        """Torque off: all at once, then one by one until each has confirmed it. What is not confirmed."""
-        self._rounds_run, self.port.answer_s = False, PATIENT_S
+        """Torque off: all at once, then in turns, for half a second, until each has confirmed it. What is not."""
+        self._rounds_run, self.port.answer_s = False, BRIEF_S
         self._enabled = [False] * len(self.servos)
         everyone = {servo.id: r.TORQUE_ENABLE.pack(0) for servo in self.servos}
-        try:
-            self.port.send(p2.sync_write(r.TORQUE_ENABLE.address, r.TORQUE_ENABLE.size, everyone))
-        except DeviceError as error:
-            return [f"{self.options.name}: {error}"]
-        return self._each(lambda row: setup.disable(self.port, self.servos[row]), range(len(self.servos)))
+        all_off = p2.sync_write(r.TORQUE_ENABLE.address, r.TORQUE_ENABLE.size, everyone)
+        waiting = {servo.name: setup.disable(self.port, servo) for servo in self.servos}
+        problems: list[str] = []
+        end_s = time.monotonic() + DISABLE_S
+        while waiting and time.monotonic() < end_s:
+            try:
+                self.port.send(all_off)
+            except DeviceError as error:
+                return [f"{self.options.name}: {error}"]
+            for name in [name for name in waiting if time.monotonic() < end_s]:
+                try:
+                    next(waiting[name])
+                except StopIteration:
+                    del waiting[name]
+                except DeviceError as error:
+                    del waiting[name]
+                    problems.append(f"{name}: {error}")
+        return problems + [f"{name}: has not confirmed that its torque is off" for name in waiting]
 
     def acknowledge(self) -> list[str]:
         """Bring back, into damping, what is at fault. What stays wrong."""

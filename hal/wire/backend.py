@@ -18,25 +18,27 @@ from core.errors import InputError
 from core.processes import without_windows
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
-from hal.contract.types import DeviceError, DeviceFault, DeviceInfo, LinkLost, NoState, RobotState
+from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from hal.wire.boards import Snapshot, is_complete
 from hal.wire.driver import DriverFactory
 from hal.wire.lock import WireLock
 from hal.wire.outbox import Kind
 from hal.wire.process import WireSetup
 from hal.wire.ring import SharedMemory
-from hal.wire.shared import Boards
+from hal.wire.saying import say
+from hal.wire.shared import Boards, error_of
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 
 LINK_TIMEOUT_S = 0.1
 OPEN_LIMIT_S = 60.0
-END_LIMIT_S = 10.0
+# With what a run does besides, a stop ends it within 5 s.
+CLOSE_WITHIN_S = 3.0
+END_LIMIT_S = 0.8
 OPENING_END_S = 1.0
-REPORT_LIMIT_S = 2.0
+REPORT_LIMIT_S = 0.5
 HEARD_S = 0.2
 MAIN = "import sys; from hal.wire.process import main; sys.exit(main(sys.argv[1:]))"
-ERRORS = {error.__name__: error for error in (DeviceError, DeviceFault, LinkLost, NoState)}
 
 
 class WireBackend(ClosesByDamping):
@@ -70,6 +72,7 @@ class WireBackend(ClosesByDamping):
         self._dead_man = DeadMan(control_period_s)
         self._process: subprocess.Popen[bytes] | None = None
         self._commanded = False
+        self._close_s = 0.0
         self._lock = WireLock(wires)
 
     @property
@@ -85,7 +88,7 @@ class WireBackend(ClosesByDamping):
         self._board, self._state, self._pulse = Boards.of(memory.buffer, self.robot.num_joints)
         self._texts: tuple[int, tuple[str, ...], tuple[str, ...]] = (0, (), ())
         self._dead_man = DeadMan(self.control_period_s)
-        self._commanded = False
+        self._commanded, self._damped_since_s = False, math.inf
         self._start(memory, setup)
         memory.close_descriptor()
         try:
@@ -99,7 +102,7 @@ class WireBackend(ClosesByDamping):
             self._is_open = True
             return answer
         self._disable()
-        raise _error_of(self.name, answer)
+        raise error_of(self.name, answer)
 
     def read(self) -> RobotState:
         """See Backend."""
@@ -136,7 +139,7 @@ class WireBackend(ClosesByDamping):
         self._require_open()
         if command.q_rad.size != self.robot.num_joints:
             raise ValueError(f"{self.name}: got {command.q_rad.size} joints, expected {self.robot.num_joints}")
-        now_s = self.clock.now_s()
+        now_s, self._damped_since_s = self.clock.now_s(), math.inf
         if self._dead_man.feed(now_s):
             self._board.post(Kind.TRACK, now_s, command)
         else:
@@ -148,7 +151,9 @@ class WireBackend(ClosesByDamping):
         if not self._is_open:
             return
         self._dead_man.disarm()
-        self._board.post(Kind.DAMP, self.clock.now_s(), self._damping)
+        now_s = self.clock.now_s()
+        self._damped_since_s = min(self._damped_since_s, now_s)
+        self._board.post(Kind.DAMP, now_s, self._damping)
         self._energise()
 
     def undamped(self) -> tuple[str, ...] | None:
@@ -176,14 +181,18 @@ class WireBackend(ClosesByDamping):
         self._send("hand back")
 
     def close(self) -> None:
-        """See Backend. Where the standby process has the wire, it damps to rest by itself."""
-        if self._is_open and (not self._commanded or self.process_id is None):
+        """See Backend. Within 4 s, whatever the devices do: what takes longer, the wire process does by itself.
+
+        Where devices are still being enabled it damps them as soon as they obey; so does a standby that has the wire.
+        """
+        self._close_s = time.monotonic()
+        if self._is_open and (not self._commanded or self.process_id is None or not self._obeyed()):
             self._is_open = False
             self._disable()
         super().close()
 
     def report(self) -> dict[str, Any]:
-        """Timing of the wire's cycles and the driver's counters. Waits up to 2 s: not for the loop."""
+        """Timing of the wire's cycles and the driver's counters. Waits up to 0.5 s: not for the loop."""
         self._send("report")
         answer = self._receive(REPORT_LIMIT_S)
         return answer if isinstance(answer, dict) else {}
@@ -202,20 +211,34 @@ class WireBackend(ClosesByDamping):
 
     def _disable(self) -> None:
         """Let the wire process end, or its standby where that has the wire. One that opens a wire need not be waited
-        for: nothing is switched on."""
+        for: nothing is switched on. One that is late goes on without the loop: it damps, disables and ends."""
         process, self._process = self._process, None
         if process is None:
             return
-        self._send("close")
-        end_s = time.monotonic() + (END_LIMIT_S if self._commanded else OPENING_END_S)
+        now_s = time.monotonic()
+        end_s = now_s + OPENING_END_S
+        if self._commanded:
+            end_s = max(self._close_s + CLOSE_WITHIN_S, now_s + END_LIMIT_S)
+        if self._commanded and process.poll() is None and not self._obeyed():
+            self._connection.close()
+        else:
+            self._send("close")
         while (left_s := end_s - time.monotonic()) > 0 and self._receive(left_s) is not None:
             pass
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(max(0.0, end_s - time.monotonic()))
-        process.kill()
-        process.wait()
+        if process.poll() is None and self._commanded:
+            say(f"{self.name}: the wire process {process.pid} goes on alone: it damps what obeys, and ends then")
+        elif process.poll() is None:
+            process.kill()
+            process.wait()
         self._connection.close()
         self._lock.release()
+
+    def _obeyed(self) -> bool:
+        """Whether the devices are enabled, as far as is known."""
+        snapshot = self._state.snapshot()
+        return snapshot is not None and snapshot.energised
 
     def _start(self, memory: SharedMemory, setup: bytes) -> None:
         here, there = socket.socketpair()
@@ -275,14 +298,3 @@ class WireBackend(ClosesByDamping):
         names = [name for name, s in zip(self.robot.joint_names, snapshot.joint_stamp_s) if not math.isfinite(s)]
         names += [] if math.isfinite(snapshot.imu_stamp_s) else ["the IMU"]
         return f"nothing heard yet of {', '.join(names)}"
-
-
-def _error_of(name: str, answer: object) -> Exception:
-    """The wire process's reason as the error that it was there."""
-    if not isinstance(answer, tuple):
-        return DeviceError(f"{name}: the wire process ended or hangs without an answer")
-    kind, message = answer
-    if kind == "InputError":
-        return InputError(message)
-    error = ERRORS.get(kind)
-    return error(message) if error else DeviceError(f"{name}: {kind}: {message}")

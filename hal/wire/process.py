@@ -30,6 +30,7 @@ from robot.robot import Robot
 WATCH_S = 0.02
 STATISTICS_S = 1.0
 STOP_WAIT_S = 1.0
+END_S = 30
 SWITCH_INTERVAL_S = 5e-4
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
 
@@ -161,6 +162,8 @@ class WireProcess:
         return snapshot is not None and bool(np.abs(snapshot.joint_vel_rad_s).max() < REST_SPEED_RAD_S)
 
     def _end(self, driver: Driver) -> None:
+        """Disable, hand back, let go. Nobody waits for it, so what hangs here is ended by the alarm."""
+        signal.alarm(END_S)
         self._outbox.halt()
         rested = self._at_rest()
         self._standby.dismiss()

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from core.errors import InputError
@@ -27,14 +26,11 @@ def toy(tmp_path_factory):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"kp": ROBOT.kp * 1e4}, r"kp: not fit for this robot, got left_hip_pitch_joint 1e\+06, .*\[20, 300\]$"),
         ({"kp": one(ROBOT.kp, 3.1)}, r"kp: .* left_knee_joint 465, expected a number in \[30, 450\]$"),
         ({"kp": one(ROBOT.kp, 0.19)}, r"kp: .* left_knee_joint 28.5"),
         ({"kd": ROBOT.kd * 50}, r"kd: .* left_hip_pitch_joint 100, .*\[0\.4, 6\]$"),
         ({"kd": one(ROBOT.kd, 0.0)}, r"kd: .* left_knee_joint 0, "),
-        ({"action_scale": np.full(23, 25.0)}, r"action_scale: .* left_hip_pitch_joint 25, .*\[0, 1\]$"),
         ({"default_pos_rad": one(ROBOT.default_pos_rad, 10.0)}, r"default_pos_rad: .* left_knee_joint 3, .*2\.8798\]$"),
-        ({"control_period_s": 1.0}, r"control_period_s: .* got 1, expected a number in \[0\.005, 0\.05\]$"),
         ({"control_period_s": 0.004}, r"control_period_s: .* got 0\.004"),
     ],
 )

@@ -8,7 +8,8 @@ expiry disarms the axis, which lets the joint go, with the error "communication_
 through their endpoints, whose numbers differ between firmware versions: options `enable_watchdog_endpoint` and
 `watchdog_timeout_endpoint`, from the firmware's `flat_endpoints.json`. Without them the host can know of no watchdog.
 Likewise the drive's own limits: options `vel_limit_endpoint`, `current_limit_endpoint` (soft) and
-`torque_constant_endpoint`. With them the motor's torque is what the drive allows, and must reach the joint's.
+`torque_constant_endpoint`. With them the motor's torque is what the drive allows, and must reach the joint's; so must
+its speed, at which the drive disarms. It also caps the cascade's spring, at kd times itself.
 
 Stiffness is not part of a command: the drive's cascade kp = pos_gain vel_gain / 2 pi, kd = vel_gain / 2 pi is solved
 for its gains, so kp needs a kd. Gains are sent when they change. Positions are revolutions of the encoder's shaft, here
@@ -187,7 +188,7 @@ class OdriveCodec(Codec):
         if not all(0 < value < math.inf for value in values):
             raise DeviceFault(f"odrive node {self.motor_id}: limits {dict(zip(LIMITS, values))}, expected above 0")
         torque_nm = min(self.model.torque_nm, values[1] * values[2])
-        return replace(self, model=replace(self.model, vel_rad_s=values[0] * TURN_RAD, torque_nm=torque_nm))
+        return replace(self, model=replace(self.model, speed_limit_rad_s=values[0] * TURN_RAD, torque_nm=torque_nm))
 
     def parse(self, frame: Frame) -> Message | None:
         """See Codec. Each cyclic message carries a part of the state."""

@@ -284,11 +284,24 @@ def test_switching_off_is_repeated_until_it_is_confirmed() -> None:
     heard = []
     hear = rig.motors[0].hear
     rig.motors[0].hear = lambda frame, now_s: () if len(heard) < 3 and not heard.append(frame) else hear(frame, now_s)
-    switch_off(rig.bus, rig.bus.motors[0])
+    switch_off(rig.bus, rig.bus.motors[:1])
     assert not rig.motors[0].enabled
-    rig.faults.add("deaf", KNEE)
-    with pytest.raises(DeviceError, match=r"left_knee_joint \(damiao 2\): has not confirmed"):
-        switch_off(rig.bus, rig.bus.motors[1])
+
+
+def test_switching_off_takes_half_a_second_however_many_are_silent() -> None:
+    """And what hears is switched off, though it comes last."""
+    rig = ready(Rig())
+    rig.bus.end_rounds()
+    rig.faults.add("deaf", HIP)
+    rig.faults.add("silence", KNEE)
+    begun_s = time.monotonic()
+    silent = (
+        r"not confirmed within 0\.5 s that it is off: left_hip_pitch_joint \(damiao 1\), left_knee_joint \(damiao 2\)$"
+    )
+    with pytest.raises(DeviceError, match=silent):
+        switch_off(rig.bus, rig.bus.motors)
+    assert 0.5 <= time.monotonic() - begun_s < 0.8
+    assert [one.enabled for one in rig.motors] == [True, False, False]
 
 
 def test_a_round_looks_for_answers_when_the_wire_can_have_carried_them(monkeypatch: pytest.MonkeyPatch) -> None:

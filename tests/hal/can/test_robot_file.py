@@ -73,7 +73,6 @@ def test_the_buses_take_turns_within_a_period() -> None:
             "bitrate: 1000000, emulated_as: smoke}",
             "buses[0 left_leg].emulated_as: unknown transport, got smoke, expected one of",
         ),
-        ("model: DM8009, ", "model: DM4310, ", "DM4310 is too weak, got 10 Nm at the joint, expected 50 Nm"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, before: str, after: str, message: str) -> None:

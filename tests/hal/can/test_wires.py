@@ -68,7 +68,7 @@ def talk(file, line) -> None:
             switch_on(bus, one)
         assert all(one.enabled for one in line.motors)
         for one in bus.motors:
-            switch_off(bus, one)
+            switch_off(bus, [one])
         assert not any(one.enabled for one in line.motors)
         assert bus._demultiplexer.not_understood == 0
     finally:

@@ -4,9 +4,8 @@ import dataclasses
 
 import pytest
 
-from core.config import config_file
 from core.errors import InputError
-from hal.dynamixel.driver import DynamixelDriver, law_lines, make_factory
+from hal.dynamixel.driver import DynamixelDriver, law_lines
 from hal.dynamixel.robot_file import load_dynamixel, port_bytes, port_load
 from hal.dynamixel.translation import Translation
 from tests.hal.dynamixel.rigs import ROBOT, g1_options
@@ -99,13 +98,7 @@ def test_the_printed_law_sets_what_is_asked_beside_what_is_given() -> None:
     assert line.endswith("torque 139 asked, 10.6 given")
 
 
-def test_stand_ins_and_servos_of_less_than_half_the_torque_are_refused() -> None:
-    """An XM540-W270 has 10.6 Nm, the G1's hip 88."""
-    with pytest.raises(InputError, match=r"left_hip_pitch_joint.*stand_ins, which only an emulator has.*--emulate"):
-        make_factory(config_file("hal", "dynamixel_g1"), {})
-    make_factory(config_file("hal", "dynamixel_g1"), {"left_leg": "the emulator's"})
-    with pytest.raises(InputError, match=r"left_hip_pitch_joint: servo is too weak, got 10.6 Nm, expected at least 44"):
-        make_factory(config_file("hal", "dynamixel_desk"), {})(ROBOT)
+def test_servos_of_less_than_half_the_torque_are_refused() -> None:
     half = dataclasses.replace(ROBOT, torque_limit_nm=ROBOT.torque_limit_nm * 1.99)
     DynamixelDriver(half, load_dynamixel("dynamixel_g1"))
     with pytest.raises(InputError, match="too weak"):
