@@ -13,6 +13,7 @@ from core.arguments import ArgumentParser, number_argument, path_argument
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.goals.clip import ClipGoal
 from deploy.record.read_log import LoggedTick, read_log
 from deploy.settings import load_settings
 from policy.actor import Actor
@@ -54,13 +55,15 @@ def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[Log
 def first_difference(run: ActorRun, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
     """Feed the states to the actor as the loop did; None where everything agrees within the tolerance."""
     spec, controller = run.actor.spec, PolicyController(run.actor, robot)
+    assert isinstance(run.goals, ClipGoal), "loaded with a clip"
     for number, tick in enumerate(ticks):
         if tick.action["tick"] == 0 or number == 0:
             controller.reset()
         now = tick.action["tick"]
-        phase = min(1.0, now * run.period_s / run.duration_s)
+        goal = run.goals.at(now)
         quat, ang_vel, pos, vel = (_array(tick.state[name]) for name in STATE_FIELDS)
-        output = controller.act(quat, ang_vel, pos, vel, phase, reference=run.reference, tick=now)
+        shown = {"reference": goal.reference, "tick": now, "visible": goal.visible}
+        output = controller.act(quat, ang_vel, pos, vel, goal.phase, **shown)
         for term, logged, replayed in _pairs(spec, robot, tick, output):
             if not _close(logged, replayed, tolerance):
                 return Difference(now, tick.time_s, term, logged, replayed)
