@@ -17,7 +17,7 @@ from motion.reference import Reference, build_reference, joint_columns
 from motion.steering import with_steering
 from policy.actor import Actor, load_actor
 from policy.observation import asks_for
-from policy.spec import motion_info
+from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 from world.scene import Scene
 
@@ -66,12 +66,12 @@ def reference_for(actor: Actor, clip: Clip, robot: Robot) -> Reference:
     reference = build_reference(clip, robot, actor.spec.control_period_s)
     if asks_for(actor.spec.observations, "reference_feedforward"):
         reference = with_feedforward(robot, reference)
-    return with_steering(reference) if follows_goals(actor) else reference
+    return with_steering(reference) if follows_goals(actor.spec) else reference
 
 
-def follows_goals(actor: Actor) -> bool:
+def follows_goals(spec: ActorSpec) -> bool:
     """Whether the actor follows what is shown of a motion, whichever part that is."""
-    return asks_for(actor.spec.observations, "goal_visible")
+    return asks_for(spec.observations, "goal_visible")
 
 
 def start_pose_rad(actor: Actor, robot: Robot) -> np.ndarray:

@@ -198,6 +198,12 @@ class WireBackend(ClosesByDamping):
         self._read_texts()
         return self._texts[2], max(0.0, self.clock.now_s() - snapshot.remote_stamp_s)
 
+    def remote_sticks(self) -> tuple[float, float, float, float]:
+        """Sticks of a wireless remote, as old as its buttons: left x, y, right x, y; right and up positive, up to 1."""
+        snapshot = self._state.snapshot() if self._is_open else None
+        left_x, left_y, right_x, right_y = (0.0,) * 4 if snapshot is None else snapshot.remote_sticks.tolist()
+        return left_x, left_y, right_x, right_y
+
     def _disable(self) -> None:
         """Let the wire process end, or its standby where that has the wire. One that opens a wire need not be waited
         for: nothing is switched on."""

@@ -3,7 +3,7 @@
 import json
 import math
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,8 @@ STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
-REMOTE, ENERGISED = -2, -1
+STICKS, REMOTE, ENERGISED = slice(-6, -2), -2, -1
+NUM_STICKS, EXTRA = 4, 6  # of a remote; numbers after the IMU's
 Index = np.ndarray | list[int] | slice | int
 Value = np.ndarray | float
 
@@ -26,6 +27,7 @@ class Snapshot:
     """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
 
     temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. energised: see RobotState.
+    remote_sticks (4,): left x, y, right x, y, from -1 to 1, right and up positive.
     """
 
     joint_pos_rad: np.ndarray
@@ -38,6 +40,7 @@ class Snapshot:
     imu_acc_b: np.ndarray
     imu_stamp_s: float
     remote_stamp_s: float
+    remote_sticks: np.ndarray
     energised: bool
 
 
@@ -52,11 +55,11 @@ class StateBoard:
         texts = numbers + Ring.size(TEXT_BYTES)
         self._texts = Ring(buffer[numbers:texts], TEXT_BYTES)
         self._statistics = Ring(buffer[texts:], STATISTICS_BYTES)
-        self._values = np.full(ROWS * num_joints + IMU_VALUES + 2, np.nan)
+        self._values = np.full(ROWS * num_joints + IMU_VALUES + EXTRA, np.nan)
         self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
-        self._imu = self._values[ROWS * num_joints : REMOTE]
+        self._imu = self._values[ROWS * num_joints : -EXTRA]
         self._joints[STAMP] = self._imu[-1] = self._values[REMOTE] = -np.inf
-        self._values[ENERGISED] = 0.0
+        self._values[ENERGISED], self._values[STICKS] = 0.0, 0.0
         self._lock = threading.Lock()
         self._faults: set[str] = set()
         self._buttons: tuple[str, ...] = ()
@@ -90,10 +93,10 @@ class StateBoard:
             self._imu[10] = stamp_s
             self._numbers.publish(self._values.tobytes())
 
-    def remote(self, buttons: Collection[str], stamp_s: float) -> None:
-        """The buttons of a wireless remote that are pressed, heard at stamp_s."""
+    def remote(self, buttons: Collection[str], stamp_s: float, sticks: Sequence[float] = (0.0,) * NUM_STICKS) -> None:
+        """The buttons of a wireless remote that are pressed and its sticks, see Snapshot, heard at stamp_s."""
         with self._lock:
-            self._values[REMOTE] = stamp_s
+            self._values[REMOTE], self._values[STICKS] = stamp_s, sticks
             self._numbers.publish(self._values.tobytes())
             if (pressed := tuple(sorted(buttons))) != self._buttons:
                 self._buttons = pressed
@@ -144,7 +147,7 @@ class StateBoard:
             return None
         values = np.frombuffer(latest[1], dtype=np.float64)
         joints = values[: ROWS * self.num_joints].reshape(ROWS, self.num_joints)
-        imu = values[ROWS * self.num_joints : REMOTE]
+        imu = values[ROWS * self.num_joints : -EXTRA]
         return Snapshot(
             joint_pos_rad=joints[POS],
             joint_vel_rad_s=joints[VEL],
@@ -156,6 +159,7 @@ class StateBoard:
             imu_acc_b=imu[7:10],
             imu_stamp_s=float(imu[10]),
             remote_stamp_s=float(values[REMOTE]),
+            remote_sticks=values[STICKS],
             energised=bool(values[ENERGISED]),
         )
 
@@ -191,4 +195,4 @@ def is_complete(snapshot: Snapshot | None) -> bool:
 
 
 def _number_bytes(num_joints: int) -> int:
-    return 8 * (ROWS * num_joints + IMU_VALUES + 2)
+    return 8 * (ROWS * num_joints + IMU_VALUES + EXTRA)
