@@ -15,6 +15,7 @@ FASTEST_FADE_S = 0.5
 STIFFEST_LOWERING = 3.0
 SLOWEST_STOP_S = 0.5
 LATEST_HOLD_S = 2.0
+LATEST_STALE_S = 0.5
 WIDEST_DEAD_ZONE = 0.5
 
 
@@ -205,6 +206,7 @@ class GoalSettings(Checked):
         positive("stop_s", self.stop_s)
         within("stop_s", self.stop_s, 0.0, SLOWEST_STOP_S)
         within("hold_s", self.hold_s, 0.0, LATEST_HOLD_S)
+        within("stale_s", self.stale_s, 0.0, LATEST_STALE_S)
         within("dead_zone", self.dead_zone, 0.0, WIDEST_DEAD_ZONE)
 
     @property

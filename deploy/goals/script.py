@@ -107,7 +107,7 @@ class ScriptGoal:
     @property
     def finished(self) -> bool:
         """Whether the last entry is over; it goes on at rest."""
-        return self._step.finished
+        return self._step.finished and self._number + 1 == len(self._steps)
 
     @property
     def asked(self) -> Asked | None:
@@ -122,7 +122,7 @@ class ScriptGoal:
     def next(self, yaw_rad: float) -> Goal:
         """See GoalSource."""
         step = self._step
-        if step.finished and self._number + 1 < len(self._steps):
+        if step.finished and not self.finished:
             if isinstance(step, ClipGoal):
                 self._guard.heading_rad = self._turn_rad + _heading_rad(step.setting, -1)
             self._begin(self._number + 1)
