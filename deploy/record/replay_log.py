@@ -14,6 +14,7 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.goals.clip import ClipGoal
+from deploy.goals.option import parse_goal
 from deploy.record.read_log import LoggedTick, read_log
 from deploy.settings import load_settings
 from policy.actor import Actor
@@ -76,6 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("log", type=path_argument, help="an MCAP file that deploy/run --log wrote")
     parser.add_argument("--policy", required=True, metavar="NAME|FILE")
     parser.add_argument("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
+    parser.add_argument("--goal", metavar="clip:FILE[:KIND]", help="likewise, for actors that follow goals")
     parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE")
     parser.add_argument(
         "--tolerance", type=number_argument, default=1e-5, metavar="T", help="largest difference of a term that is none"
@@ -83,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = parser.parse_args(arguments)
         robot = load_robot(given.robot)
-        run = load_run(given.policy, given.motion, robot, load_settings().entry)
+        run = _loaded(given.policy, given.motion, given.goal, robot)
         log = read_log(given.log)
         if log.joint_names != robot.joint_names:
             raise InputError("the log is of another robot", where=given.log, expected=robot.name)
@@ -99,6 +101,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT
+
+
+def _loaded(policy: str, motion: str | None, goal: str | None, robot: Robot) -> ActorRun:
+    entry = load_settings().entry
+    if goal is None:
+        return load_run(policy, motion, robot, entry)
+    option = parse_goal(goal)
+    if option.steered:
+        raise InputError("only clips are replayed", where="--goal", got=goal, expected="clip:FILE[:KIND]")
+    return load_run(policy, option.file, robot, entry, option.kind)
 
 
 def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput) -> Iterator[tuple[str, float, float]]:

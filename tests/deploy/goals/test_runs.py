@@ -18,6 +18,7 @@ from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.option import GoalOption, parse_goal
 from deploy.goals.steering import SteerGoal
 from deploy.operator.voice import Voice
+from deploy.record.replay_log import main as replay
 from deploy.session import run_session
 from hal.simulated.mujoco import MujocoBackend
 from motion.clip import save_clip
@@ -245,3 +246,13 @@ def test_keys_and_sticks_are_asked_where_a_person_steers(folder, monkeypatch, ca
         assert options.start is Start.STAND
         assert run_session(options, SwitchesAtTick(-1), Voice()).outcome == "completed"
     assert given[0] is not None and given[1] is None
+
+
+def test_a_log_of_a_clip_that_was_shown_in_part_is_replayed_by_the_same_words(folder, tmp_path, capsys):
+    goal = f"clip:{folder / 'still.npz'}:vr3"
+    played(words(folder, goal, "--start", "reference", "--log", str(tmp_path / "logs")), capsys)
+    (log,) = (tmp_path / "logs").glob("*.mcap")
+    again = [str(log), "--policy", str(folder / "goals.onnx"), "--goal"]
+    assert replay([*again, goal]) == 0 and "25 ticks agree" in capsys.readouterr().out
+    assert replay([*again, goal.replace("vr3", "root")]) == 1
+    assert replay([*again, "udp:0"]) == 2 and "only clips are replayed" in capsys.readouterr().err
