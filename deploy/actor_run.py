@@ -58,6 +58,10 @@ class ActorRun:
         self.goals.start()
         self.tick = 0
 
+    def give_way(self) -> None:
+        """The stand actor is wanted: see GoalSource."""
+        self.goals.give_way()
+
     def act(self, state: RobotState, lap: Callable[[str], None] | None = None) -> PolicyOutput:
         """One control tick."""
         goal = self.goals.next(float(yaw_of(state.imu_quat_wxyz)))

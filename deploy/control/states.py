@@ -264,6 +264,8 @@ class StateMachine:
         if self._stand is None:
             return "hold refused: there is no stand actor"
         self._hold_wanted = True
+        if self.active is not None:
+            self.active.give_way()
         return None
 
     def _damp(self, *, latched: bool) -> None:

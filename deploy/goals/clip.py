@@ -48,6 +48,9 @@ class ClipGoal:
         """See GoalSource."""
         self._tick = 0
 
+    def give_way(self) -> None:
+        """See GoalSource: a clip goes on, as it rests nowhere but at its end."""
+
     def next(self, yaw_rad: float) -> Goal:
         """See GoalSource."""
         self._tick += 1

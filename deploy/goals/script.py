@@ -12,7 +12,7 @@ from core.errors import InputError
 from core.rotations import yaw_of
 from core.structured import positive, within
 from deploy.goals.clip import ClipGoal
-from deploy.goals.guard import GoalGuard, Steer
+from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.source import Goal
 from deploy.goals.steering import SteeredRows
 from deploy.safety.rules import Asked
@@ -107,7 +107,8 @@ class ScriptGoal:
     @property
     def finished(self) -> bool:
         """Whether the last entry is over; it goes on at rest."""
-        return self._step.finished and self._number + 1 == len(self._steps)
+        last = self._gives_way or self._number + 1 == len(self._steps)
+        return self._guard.lost or (self._step.finished and last)
 
     @property
     def asked(self) -> Asked | None:
@@ -117,18 +118,23 @@ class ScriptGoal:
     def start(self) -> None:
         """See GoalSource."""
         self._guard.start()
+        self._gives_way = False
         self._begin(0)
+
+    def give_way(self) -> None:
+        """See GoalSource: a clip that plays goes on, and nothing follows it."""
+        self._gives_way = True
 
     def next(self, yaw_rad: float) -> Goal:
         """See GoalSource."""
         step = self._step
-        if step.finished and not self.finished:
+        if step.finished and not self.finished and not self._gives_way:
             if isinstance(step, ClipGoal):
                 self._guard.heading_rad = self._turn_rad + _heading_rad(step.setting, -1)
             self._begin(self._number + 1)
             step = self._step
         if not isinstance(step, ClipGoal):
-            return self._rows.next(self._guard, step.next(), yaw_rad)
+            return self._rows.next(self._guard, NOBODY if self._gives_way else step.next(), yaw_rad)
         self._guard.see(yaw_rad)
         return replace(step.next(yaw_rad), turn_rad=self._turn_rad)
 

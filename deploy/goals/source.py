@@ -60,6 +60,10 @@ class GoalSource(Protocol):
         """An actor takes over: begin anew."""
         ...
 
+    def give_way(self) -> None:
+        """The stand actor is wanted: what can rest comes to rest, and does nothing new until it starts anew."""
+        ...
+
     def next(self, yaw_rad: float) -> Goal:
         """The goal of the coming tick. yaw_rad: the robot's heading by its IMU."""
         ...

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from deploy.goals.guard import GoalGuard, Steer
+from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.source import Goal
 from motion.clip import Clip
 from motion.reference import Reference
@@ -63,10 +63,11 @@ class SteerGoal:
         self.sha256 = hashlib.sha256(f"steered by {name}".encode()).hexdigest()
         self.start_pose_rad = standing.joint_pos_rad[0]
         self._pilot, self._guard, self._rows = pilot, guard, SteeredRows(standing)
+        self._gives_way = False
 
     @property
     def finished(self) -> bool:
-        """Whoever steers is gone."""
+        """Whether whoever steers is gone: for good, until it starts anew."""
         return self._guard.lost
 
     @property
@@ -78,7 +79,13 @@ class SteerGoal:
         """See GoalSource."""
         self._pilot.start()
         self._guard.start()
+        self._gives_way = False
+
+    def give_way(self) -> None:
+        """See GoalSource: from now on nobody is heard."""
+        self._gives_way = True
 
     def next(self, yaw_rad: float) -> Goal:
         """See GoalSource."""
-        return self._rows.next(self._guard, self._pilot.next(), yaw_rad)
+        asked = self._pilot.next()
+        return self._rows.next(self._guard, NOBODY if self._gives_way or self._guard.lost else asked, yaw_rad)

@@ -8,52 +8,23 @@ import pytest
 
 from core.clock import SimulatedClock
 from core.errors import InputError
-from deploy.actor_run import ActorRun
-from deploy.cell import Cell
 from deploy.cli import main, parse
 from deploy.control.sequence import Unattended
 from deploy.control.states import Mode, Request
 from deploy.episode import Start
-from deploy.goals.guard import NOBODY, GoalGuard, Steer
+from deploy.goals.guard import NOBODY, Steer
 from deploy.goals.option import GoalOption, parse_goal
-from deploy.goals.steering import SteerGoal
 from deploy.operator.voice import Voice
 from deploy.record.replay_log import main as replay
 from deploy.session import run_session
-from hal.simulated.mujoco import MujocoBackend
 from motion.clip import save_clip
-from policy.actor import load_actor
-from policy.spec import motion_info
-from tests.deploy.goals.test_sources import Hand
-from tests.deploy.goals.toys import SHOWN, standing_run, write_goal_actor
+from tests.deploy.goals.toys import SHOWN, Stage
 from tests.deploy.test_session import SwitchesAtTick
-from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, still_clip, write_standing_actor
-from world.options import load_sim_options
-
-SCRIPT = """
-steps:
-  - {for_s: 1.0, forward: 0.4}
-  - {for_s: 0.5, turn: 1.0}
-  - {for_s: 1.0, forward: 0.4}
-  - {for_s: 1.0}
-  - {clip: still.npz}
-  - {clip: still.npz, kind: vr3}
-"""
+from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, still_clip
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("runs")
-    write_goal_actor(made / "goals.onnx")
-    write_standing_actor(made / "stand.onnx")
-    write_standing_actor(made / "clip.onnx", name="clip")
-    save_clip(still_clip(0.5), made / "still.npz")
-    (made / "script.yaml").write_text(SCRIPT)
-    return made
-
-
-def words(folder, goal, *more, policy="goals.onnx", backend="mock"):
-    policies = ["--policy", str(folder / policy), "--stand", str(folder / "stand.onnx")]
+def words(actors, goal, *more, policy="goals.onnx", backend="mock"):
+    policies = ["--policy", str(actors / policy), "--stand", str(actors / "stand.onnx")]
     return ["--backend", backend, *policies, *([] if goal is None else ["--goal", goal]), *more]
 
 
@@ -64,28 +35,28 @@ def played(arguments, capsys):
 
 
 @pytest.mark.parametrize("backend", ["mock", "mujoco"])
-def test_a_script_walks_stops_and_plays_two_clips(folder, backend, capsys):
+def test_a_script_walks_stops_and_plays_two_clips(actors, backend, capsys):
     """3.5 s of speeds and two clips of 0.5 s: 225 ticks of tracking, between standing and standing."""
-    report, said = played(words(folder, f"script:{folder / 'script.yaml'}", backend=backend), capsys)
+    report, said = played(words(actors, f"script:{actors / 'script.yaml'}", backend=backend), capsys)
     assert report.outcome == "completed" and report.content["motion"] == "script"
     states = [line for line in said.splitlines() if line in {mode.value for mode in Mode}]
     assert states == ["damping", "STAND_UP", "READY", "TRACKING", "HOLD", "LOWERING", "damping"]
     assert [line.split()[2] for line in said.splitlines() if "clip still" in line] == ["still", "still:vr3"]
 
 
-def test_a_clip_by_motion_or_by_goal_is_the_same_run(folder, capsys):
+def test_a_clip_by_motion_or_by_goal_is_the_same_run(actors, capsys):
     options = ["--start", "reference"]
-    still = str(folder / "still.npz")
-    runs = [played(words(folder, None, "--motion", still, *options), capsys)[0]]
-    runs += [played(words(folder, f"clip:{still}{kind}", *options), capsys)[0] for kind in ("", ":full", ":root")]
+    still = str(actors / "still.npz")
+    runs = [played(words(actors, None, "--motion", still, *options), capsys)[0]]
+    runs += [played(words(actors, f"clip:{still}{kind}", *options), capsys)[0] for kind in ("", ":full", ":root")]
     assert [run.content["motion"] for run in runs] == ["still", "still", "still", "still:root"]
     assert all(run.outcome == "completed" for run in runs)
     assert runs[0].content["metrics"] == runs[1].content["metrics"] == runs[2].content["metrics"]
     assert runs[0].content["metrics"]["episode_length_ratio"]["mean"] == 1.0
 
 
-def test_nobody_sends_goals_so_the_robot_stands_again(folder, capsys):
-    report, said = played(words(folder, "udp:0"), capsys)
+def test_nobody_sends_goals_so_the_robot_stands_again(actors, capsys):
+    report, said = played(words(actors, "udp:0"), capsys)
     assert report.outcome == "completed" and "HOLD" in said.splitlines()
     assert "goals are taken at udp 127.0.0.1:" in said and "goals by udp: 0 taken, 0 malformed, 0 late" in said
 
@@ -108,14 +79,14 @@ BAD = [
 
 
 @pytest.mark.parametrize(("goal", "more", "says"), BAD)
-def test_what_does_not_fit_together_is_one_line_and_exit_code_2(folder, goal, more, says, capsys):
+def test_what_does_not_fit_together_is_one_line_and_exit_code_2(actors, goal, more, says, capsys):
     options, policy = ([], more) if isinstance(more, str) else (more, "goals.onnx")
-    assert main(words(folder, goal, *options, policy=policy)) == 2
+    assert main(words(actors, goal, *options, policy=policy)) == 2
     error = capsys.readouterr().err
     assert says in error and error.count("\n") == 1
 
 
-def test_a_script_whose_clip_is_none_or_begins_elsewhere_is_refused_by_its_entry(folder, tmp_path, capsys):
+def test_a_script_whose_clip_is_none_or_begins_elsewhere_is_refused_by_its_entry(actors, tmp_path, capsys):
     bent = ROBOT.default_pos_rad.copy()
     bent[ROBOT.joint_names.index("left_knee_joint")] += 0.2
     save_clip(still_clip(0.5, bent), tmp_path / "bent.npz")
@@ -124,7 +95,7 @@ def test_a_script_whose_clip_is_none_or_begins_elsewhere_is_refused_by_its_entry
         ("bent.npz", "does not begin in the standing pose, got left_knee"),
     ):
         (tmp_path / "script.yaml").write_text(f"steps: [{{for_s: 1.0}}, {{clip: {name}}}]")
-        assert main(words(folder, f"script:{tmp_path / 'script.yaml'}")) == 2
+        assert main(words(actors, f"script:{tmp_path / 'script.yaml'}")) == 2
         error = capsys.readouterr().err
         assert "script.yaml: steps[1].clip: " in error and says in error
 
@@ -137,40 +108,9 @@ def test_words_of_a_goal():
         parse_goal("sticks")
 
 
-class Stage:
-    """A steered robot in MuJoCo on the gantry's feet, a pilot in the test's hands, and all that was commanded."""
-
-    def __init__(self, folder):
-        self.stand, self.hand, self.commands, self.modes = standing_run(folder), Hand(), [], []
-        self.requests, self.states = {}, []
-        standing = motion_info(self.stand.clip, "stick", self.stand.start_pose_rad)
-        goal = SteerGoal("stick", self.hand, self.stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S))
-        actor = load_actor(folder / "goals.onnx", ROBOT, standing)
-        self.cell = Cell(ROBOT, SETTINGS, [ActorRun(actor, ROBOT, SETTINGS.entry, goal)], self.stand)
-        self.tracked = 0
-
-    def steer(self, tick):
-        """What the pilot wants at a tick of TRACKING."""
-        return Steer(0.0, 0.0, 0.0)
-
-    def __call__(self, state, result, timer):
-        self.modes += result.modes
-        self.tracked += result.mode is Mode.TRACKING
-        self.hand.steer = self.steer(self.tracked)
-        if result.command is not None and result.mode is Mode.TRACKING:
-            self.commands.append(result.command)
-            self.states.append(state)
-
-    def run(self, plan=None):
-        clock = SimulatedClock()
-        plan, options = plan or self.cell.unattended(), load_sim_options("default")
-        with MujocoBackend(ROBOT, clock, options, control_period_s=PERIOD_S, gantry=True) as backend:
-            self.cell.loop(backend, clock, plan=plan, observers=[self], duration_s=60.0).run()
-
-
-def test_a_thousand_fuzzed_goals_no_fall_and_no_command_outside_the_limits(folder):
+def test_a_thousand_fuzzed_goals_no_fall_and_no_command_outside_the_limits(actors):
     """Stale, hostile, out of range and jumping, 20 s of them; the arms of this actor follow what they see."""
-    stage, rng = Stage(folder), np.random.default_rng(9)
+    stage, rng = Stage(actors), np.random.default_rng(9)
     hostile = [0.0, 1e308, -1e308, math.nan, math.inf, -math.inf, 0.61, -5.0]
 
     def steer(tick):
@@ -191,10 +131,10 @@ def test_a_thousand_fuzzed_goals_no_fall_and_no_command_outside_the_limits(folde
     assert 0.03 < moved < 0.1  # by the weight 0.1; the largest turn is 1 rad/s, and few last
 
 
-def test_a_stick_at_rest_hands_over_to_the_stand_actor_and_a_lost_one_too(folder):
+def test_a_stick_at_rest_hands_over_to_the_stand_actor_and_a_lost_one_too(actors):
     """Tracking begins, the stick moves for a second and rests: 1 s, 0.3 s to 0, 3 s of rest. Lost: 1 s and 2 s."""
     for last, ticks in ((Steer(0.0, 0.0, 0.0), 50 + 15 + 150), (NOBODY, 50 + 100)):
-        stage = Stage(folder)
+        stage = Stage(actors)
         stage.steer = lambda tick, last=last: Steer(0.3, 0.0, 0.0) if tick < 50 else last
         stage.run()
         assert stage.cell.machine.fault is None and Mode.HOLD in stage.modes
@@ -213,15 +153,15 @@ class Restarts(Unattended):
         return (Request.START,) if mode is Mode.HOLD and not self.again else super().requests(state)
 
 
-def test_starting_again_begins_with_heading_and_speed_zero(folder):
-    stage = Stage(folder)
+def test_starting_again_begins_with_heading_and_speed_zero(actors):
+    stage = Stage(actors)
     stage.steer = lambda tick: NOBODY
     cell = stage.cell
     stage.run(Restarts(cell.machine, cell.release, SETTINGS, PERIOD_S))
     assert stage.modes.count(Mode.TRACKING) == 2 == stage.hand.starts and cell.machine.fault is None
 
 
-def test_keys_and_sticks_are_asked_where_a_person_steers(folder, monkeypatch, capsys):
+def test_keys_and_sticks_are_asked_where_a_person_steers(actors, monkeypatch, capsys):
     """The keyboard of an interactive run gets what it steers by; without a stick it gets none."""
     given = []
 
@@ -241,18 +181,18 @@ def test_keys_and_sticks_are_asked_where_a_person_steers(folder, monkeypatch, ca
     monkeypatch.setattr("deploy.operator.people.Keyboard", Nobody)
     monkeypatch.setattr("deploy.session.MonotonicClock", SimulatedClock)
     monkeypatch.setattr("deploy.session.realtime", lambda say: contextlib.nullcontext())
-    for goal in ("stick", f"clip:{folder / 'still.npz'}"):
-        options = parse(words(folder, goal, "--interactive", "--duration", "0.1"))
+    for goal in ("stick", f"clip:{actors / 'still.npz'}"):
+        options = parse(words(actors, goal, "--interactive", "--duration", "0.1"))
         assert options.start is Start.STAND
         assert run_session(options, SwitchesAtTick(-1), Voice()).outcome == "completed"
     assert given[0] is not None and given[1] is None
 
 
-def test_a_log_of_a_clip_that_was_shown_in_part_is_replayed_by_the_same_words(folder, tmp_path, capsys):
-    goal = f"clip:{folder / 'still.npz'}:vr3"
-    played(words(folder, goal, "--start", "reference", "--log", str(tmp_path / "logs")), capsys)
+def test_a_log_of_a_clip_that_was_shown_in_part_is_replayed_by_the_same_words(actors, tmp_path, capsys):
+    goal = f"clip:{actors / 'still.npz'}:vr3"
+    played(words(actors, goal, "--start", "reference", "--log", str(tmp_path / "logs")), capsys)
     (log,) = (tmp_path / "logs").glob("*.mcap")
-    again = [str(log), "--policy", str(folder / "goals.onnx"), "--goal"]
+    again = [str(log), "--policy", str(actors / "goals.onnx"), "--goal"]
     assert replay([*again, goal]) == 0 and "25 ticks agree" in capsys.readouterr().out
     assert replay([*again, goal.replace("vr3", "root")]) == 1
     assert replay([*again, "udp:0"]) == 2 and "only clips are replayed" in capsys.readouterr().err

@@ -11,23 +11,10 @@ from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.script import ScriptGoal, load_script
 from deploy.goals.steering import STEERING, SteerGoal
 from policy.goals import KINDS, PARTS, visible_in
-from tests.deploy.goals.toys import SHOWN, column, standing_run, write_goal_actor
+from tests.deploy.goals.toys import SHOWN, Hand, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, tilted
 
 GOALS = SETTINGS.goals
-
-
-class Hand:
-    """A pilot in the test's hands."""
-
-    def __init__(self):
-        self.steer, self.starts = Steer(0.0, 0.0, 0.0), 0
-
-    def start(self):
-        self.starts += 1
-
-    def next(self):
-        return self.steer
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +108,45 @@ def test_a_steered_robot_that_rests_is_left_to_the_stand_actor_and_one_unheard_i
     for _ in range(100):
         goal.next(0.0)
     assert goal.finished
+
+
+def test_asked_to_hold_or_lost_it_rests_whatever_is_steered_until_it_starts_anew(stand):
+    for ends in ("hold", "lost"):
+        hand = Hand()
+        goal = SteerGoal("stick", hand, stand.goals.setting, GoalGuard(GOALS, PERIOD_S))
+        goal.start()
+        hand.steer = walk = Steer(0.5, 0.0, 0.0)
+        assert [goal.next(0.0).reference.steering[1, 0] for _ in range(50)][-1] == pytest.approx(0.5)
+        if ends == "hold":
+            goal.give_way()
+            speeds = [goal.next(0.0).reference.steering[1, 0] for _ in range(100)]
+            assert speeds[24:] == [0.0] * 76 and goal.finished
+        else:
+            hand.steer = NOBODY
+            for _ in range(100):
+                goal.next(0.0)
+        hand.steer = walk
+        assert goal.finished and goal.next(0.0).reference.steering[1, 0] == 0.0 and goal.finished
+        goal.start()
+        assert not goal.finished and goal.next(0.0).reference.steering[1, 0] == pytest.approx(0.02)
+
+
+def test_a_script_that_is_asked_to_hold_rests_or_ends_its_clip_and_does_nothing_more(folder, stand):
+    text = "steps:\n- {for_s: 2.0, forward: 0.4}\n- {for_s: 1.0}\n- {clip: side_kick}\n- {for_s: 9.0}\n"
+    goal = scripted(folder, stand, text, [clip_run(folder).goals])
+    for _ in range(50):
+        goal.next(0.0)
+    goal.give_way()
+    speeds = [goal.next(0.0).reference.steering[1, 0] for _ in range(100)]
+    assert speeds[0] == pytest.approx(0.376) and speeds[24:] == [0.0] * 76 and goal.finished
+    goal.start()
+    for _ in range(200):
+        goal.next(0.0)
+    goal.give_way()
+    shown = 0
+    while not goal.finished:
+        shown += goal.next(0.0).tick > 0
+    assert shown == 308 - 49 and goal.next(0.0).tick == 309
 
 
 def scripted(folder, stand, text, clips=()):

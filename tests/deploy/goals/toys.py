@@ -6,12 +6,21 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper
 
+from core.clock import SimulatedClock
+from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.cell import Cell
+from deploy.control.states import Mode
+from deploy.goals.guard import GoalGuard, Steer
+from deploy.goals.steering import SteerGoal
+from hal.simulated.mujoco import MujocoBackend
+from policy.actor import load_actor
 from policy.layouts import goals_actor_group
 from policy.metadata import write_metadata
 from policy.observation import entry_size, term_dims
-from policy.spec import ActorSpec
+from policy.spec import ActorSpec, motion_info
 from tests.deploy.toys import JOINTS, PERIOD_S, ROBOT, SETTINGS, write_standing_actor
+from world.options import load_sim_options
 
 GROUP = goals_actor_group("obs")
 DIMS = term_dims(JOINTS)
@@ -71,3 +80,47 @@ def write_goal_actor(path: Path, everything: float = 0.0) -> Path:
 def standing_run(folder: Path):
     """The stand actor of these tests."""
     return load_run(write_standing_actor(folder / "stand.onnx"), None, ROBOT, SETTINGS.entry)
+
+
+class Hand:
+    """A pilot in the test's hands."""
+
+    def __init__(self):
+        self.steer, self.starts = Steer(0.0, 0.0, 0.0), 0
+
+    def start(self):
+        self.starts += 1
+
+    def next(self):
+        return self.steer
+
+
+class Stage:
+    """A steered robot in MuJoCo on the gantry's feet, a pilot in the test's hands, and all that was commanded."""
+
+    def __init__(self, folder):
+        self.stand, self.hand, self.commands, self.modes = standing_run(folder), Hand(), [], []
+        self.states = []
+        standing = motion_info(self.stand.clip, "stick", self.stand.start_pose_rad)
+        goal = SteerGoal("stick", self.hand, self.stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S))
+        actor = load_actor(folder / "goals.onnx", ROBOT, standing)
+        self.cell = Cell(ROBOT, SETTINGS, [ActorRun(actor, ROBOT, SETTINGS.entry, goal)], self.stand)
+        self.tracked = 0
+
+    def steer(self, tick):
+        """What the pilot wants at a tick of TRACKING."""
+        return Steer(0.0, 0.0, 0.0)
+
+    def __call__(self, state, result, timer):
+        self.modes += result.modes
+        self.tracked += result.mode is Mode.TRACKING
+        self.hand.steer = self.steer(self.tracked)
+        if result.command is not None and result.mode is Mode.TRACKING:
+            self.commands.append(result.command)
+            self.states.append(state)
+
+    def run(self, plan=None):
+        clock = SimulatedClock()
+        plan, options = plan or self.cell.unattended(), load_sim_options("default")
+        with MujocoBackend(ROBOT, clock, options, control_period_s=PERIOD_S, gantry=True) as backend:
+            self.cell.loop(backend, clock, plan=plan, observers=[self], duration_s=60.0).run()
