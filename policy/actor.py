@@ -135,9 +135,8 @@ def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo |
             raise InputError("this actor follows commands, not a motion", where=path, hint="leave --motion out")
         return spec
     if spec.motion is None and motion is None:
-        follows_goals = asks_for(spec.observations, "goal_visible")
-        hint = "give --goal, or --motion" if follows_goals else "give --motion"
-        raise InputError("this actor carries no reference motion", where=path, hint=hint)
+        missing = "--goal or --motion" if asks_for(spec.observations, "goal_visible") else "--motion"
+        raise InputError(f"this actor carries no reference motion: give {missing}", where=path)
     if motion is None:
         return spec
     if spec.motion is None:

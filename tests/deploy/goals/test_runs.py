@@ -74,7 +74,7 @@ BAD = [
     ("clip:stand", ["--motion", "stand"], "--goal and --motion; --motion FILE means --goal clip:FILE:full"),
     ("clip:stand", ["--policy", "taichi"], "--goal with several --policy"),
     ("clip:stand", "clip.onnx", "clip.onnx: this actor follows clips, not goals, got --goal; give --motion instead"),
-    (None, [], "goals.onnx: this actor carries no reference motion; give --goal, or --motion"),
+    (None, [], "goals.onnx: this actor carries no reference motion: give --goal or --motion"),
 ]
 
 
