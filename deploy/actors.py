@@ -55,8 +55,7 @@ def load_run(
             )
     if clip is None:
         raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
-    if actor.spec.motion is None:
-        raise InputError("the actor has no reference motion", where=actor.path, hint="give --motion")
+    assert actor.spec.motion is not None, "it says which motion is inside"
     goal = ClipGoal(actor.spec.motion.name, clip, reference_for(actor, clip, robot), start_pose_rad(actor, robot), kind)
     return ActorRun(actor, robot, entry, goal)
 

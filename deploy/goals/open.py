@@ -108,6 +108,10 @@ class GoalDesk:
             run = load_run(policy, file, self.robot, self.settings.entry, step.kind)
         except InputError as error:
             raise InputError(str(error), where=where) from error
+        if run.scene != self.stand.scene:
+            raise InputError(
+                "not on flat ground", where=where, got="a clip with a scene", hint="play it by --goal clip:"
+            )
         away_rad, most_rad = abs(run.start_pose_rad - self.stand.start_pose_rad), self.settings.entry.joint_rad
         if away_rad.max() > most_rad:
             joint = self.robot.joint_names[int(away_rad.argmax())]

@@ -21,6 +21,7 @@ from motion.clip import save_clip
 from tests.deploy.goals.toys import SHOWN, Stage
 from tests.deploy.test_session import SwitchesAtTick
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, still_clip
+from world.scene import Box, Scene
 
 
 def words(actors, goal, *more, policy="goals.onnx", backend="mock"):
@@ -90,7 +91,10 @@ def test_a_script_whose_clip_is_none_or_begins_elsewhere_is_refused_by_its_entry
     bent = ROBOT.default_pos_rad.copy()
     bent[ROBOT.joint_names.index("left_knee_joint")] += 0.2
     save_clip(still_clip(0.5, bent), tmp_path / "bent.npz")
+    table = Scene(boxes=(Box((0.0, 2.0, 0.25), (0.5, 0.5, 0.25)),))
+    save_clip(still_clip(0.5, scene=table), tmp_path / "table.npz")
     for name, says in (
+        ("table.npz", "not on flat ground"),
         ("none.npz", "no such file"),
         ("bent.npz", "does not begin in the standing pose, got left_knee"),
     ):

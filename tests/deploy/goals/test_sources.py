@@ -194,6 +194,17 @@ def test_clips_of_a_script_are_laid_along_the_heading_that_is_asked_for(folder, 
     assert goal.next(0.0).reference.steering is not None and not goal.finished
 
 
+def test_a_script_of_one_clip_shows_what_the_clip_shows(folder, stand):
+    """Whichever way the robot looks when it starts."""
+    run, other = clip_run(folder, "steps"), clip_run(folder, "steps")
+    other.goals = scripted(folder, stand, "steps: [{clip: steps}]", [clip_run(folder, "steps").goals])
+    for one in (run, other):
+        one.start()
+    for tick in range(60):
+        pose = turned(2.5 + 0.01 * tick)
+        assert run.act(pose).observation["obs"] == pytest.approx(other.act(pose).observation["obs"], abs=1e-6)
+
+
 BAD = [
     ("steps: []", r"bad\.yaml: steps: nothing to do, expected one entry or more"),
     ("stops: []", r"bad\.yaml: stops: unknown key, expected one of steps"),
