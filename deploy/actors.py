@@ -7,16 +7,17 @@ import numpy as np
 
 from core.errors import InputError
 from deploy.actor_run import ActorRun
+from deploy.goals.clip import ClipGoal
 from deploy.settings import ActorSettings, EntrySettings
-from motion.clip import clip_from_bytes
+from motion.clip import Clip, clip_from_bytes
 from motion.clip_set import NamedClip
 from motion.feedforward import with_feedforward
 from motion.library import open_motion
-from motion.reference import build_reference, joint_columns
+from motion.reference import Reference, build_reference, joint_columns
 from motion.steering import with_steering
-from policy.actor import load_actor
+from policy.actor import Actor, load_actor
 from policy.observation import asks_for
-from policy.spec import motion_info
+from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 from world.scene import Scene
 
@@ -31,8 +32,13 @@ def load_runs(
     return [load_run(policy, clip, robot, entry) for policy in policies for clip in clips or (None,)]
 
 
-def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: Robot, entry: EntrySettings) -> ActorRun:
-    """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit."""
+def load_run(
+    policy: str | Path, motion: NamedClip | str | Path | None, robot: Robot, entry: EntrySettings, kind: str = "full"
+) -> ActorRun:
+    """An actor with its reference: the clip inside its file, or the one given. Raises InputError on any misfit.
+
+    kind: what an actor that follows goals is shown of it.
+    """
     if isinstance(motion, str | Path):
         motion = NamedClip(Path(motion).stem, open_motion(motion, robot))
     clip, info = None, None
@@ -49,12 +55,30 @@ def load_run(policy: str | Path, motion: NamedClip | str | Path | None, robot: R
             )
     if clip is None:
         raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
+    assert actor.spec.motion is not None, "it says which motion is inside"
+    goal = ClipGoal(actor.spec.motion.name, clip, reference_for(actor, clip, robot), start_pose_rad(actor, robot), kind)
+    return ActorRun(actor, robot, entry, goal)
+
+
+def reference_for(actor: Actor, clip: Clip, robot: Robot) -> Reference:
+    """The clip at every control tick, with all that this actor looks at."""
     reference = build_reference(clip, robot, actor.spec.control_period_s)
     if asks_for(actor.spec.observations, "reference_feedforward"):
         reference = with_feedforward(robot, reference)
-    if asks_for(actor.spec.observations, "goal_visible"):
-        reference = with_steering(reference)
-    return ActorRun(actor, robot, entry, reference, clip)
+    return with_steering(reference) if follows_goals(actor.spec) else reference
+
+
+def follows_goals(spec: ActorSpec) -> bool:
+    """Whether the actor follows what is shown of a motion, whichever part that is."""
+    return asks_for(spec.observations, "goal_visible")
+
+
+def start_pose_rad(actor: Actor, robot: Robot) -> np.ndarray:
+    """Where the actor takes over: its motion's first pose (J,), held joints included, in the robot's order."""
+    assert actor.spec.motion is not None, "loaded with a motion"
+    pose = dict(zip(actor.spec.joint_names, actor.spec.motion.start_joint_pos_rad))
+    pose |= {joint.name: joint.pos_rad for joint in actor.spec.held_joints}
+    return np.array([pose[name] for name in robot.joint_names], dtype=np.float64)
 
 
 def check_bounds(run: ActorRun, robot: Robot, bounds: ActorSettings) -> None:

@@ -8,6 +8,7 @@ from core.arguments import ArgumentParser, count_argument, number_argument, path
 from core.errors import InputError
 from core.files import write_json
 from deploy.episode import Start
+from deploy.goals.option import SOURCES
 from deploy.operator.buttons import BUTTON_TABLE
 from deploy.operator.keys import KEY_TABLE, Stopped, StopSignals
 from deploy.operator.voice import Voice
@@ -77,6 +78,7 @@ def parse(arguments: Sequence[str] | None = None) -> RunOptions:
         backend=given.backend,
         policies=tuple(given.policy),
         motions=tuple(given.motion),
+        goal=given.goal,
         stand=given.stand,
         robot=given.robot,
         settings=given.config,
@@ -122,6 +124,7 @@ def _parser() -> ArgumentParser:
         "--motion", action="append", default=[], metavar="NAME|FILE",
         help="clip, folder of clips or manifest, for actors that carry none; repeat it to switch with --interactive",
     )  # fmt: skip
+    add("--goal", metavar="SOURCE", help=f"for actors that follow goals: {SOURCES}; see docs/steering.md")
     add("--stand", default="stand", metavar="NAME|FILE", help="the actor that balances before and after")
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
     add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")

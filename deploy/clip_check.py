@@ -39,9 +39,9 @@ def rehearse(run: ActorRun, robot: Robot, settings: DeploySettings, say: Callabl
 
     The first is the nominal robot's, in the others everything differs that Table 7 lets differ.
     """
-    if run.actor.spec.follows != "any_clip":
+    if run.actor.spec.follows != "any_clip" or run.reference is None:
         return []
-    say(f"rehearsing {run.name} in simulation, {EPISODES} times {run.duration_s:.1f} s")
+    say(f"rehearsing {run.name} in simulation, {EPISODES} times {run.reference.duration_s:.1f} s")
     options, faults, errors_mm = load_sim_options("default"), [], []
     for episode in range(EPISODES):
         rig = simulated_rig(robot, settings, run, replace(options, randomize=episode > 0))

@@ -26,7 +26,7 @@ DAY_S = 86_400.0
 class DryRunRecord:
     """What a passed dry run is valid for; a SHA-256 each, but for the version of the code.
 
-    identity: of the makers' numbers in the robot; None before they were read.
+    clip: of what is followed. identity: of the makers' numbers in the robot; None before they were read.
     """
 
     policy: str
@@ -67,10 +67,9 @@ def record_of(
     options: RunOptions, robot: Robot, actor: ActorRun, stand: ActorRun | None, info: DeviceInfo | None
 ) -> DryRunRecord:
     """What the options would run. info: None before the device was opened."""
-    motion = actor.actor.spec.motion
     return DryRunRecord(
         policy=actor.actor.sha256,
-        clip="" if motion is None else motion.sha256,
+        clip=actor.goals.sha256,
         stand="" if stand is None else stand.actor.sha256,
         settings=_sha256(config_file("deploy", options.settings)),
         robot=_sha256(config_file("robot", options.robot), robot.mjcf_path),

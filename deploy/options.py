@@ -6,6 +6,7 @@ from pathlib import Path
 from core.errors import InputError
 from core.files import check_output_file, check_output_folder
 from deploy.episode import Start
+from deploy.goals.option import GoalOption, parse_goal
 from hal.open import WIRES
 
 
@@ -16,6 +17,7 @@ class RunOptions:
     backend: str
     policies: tuple[str, ...]
     motions: tuple[str, ...] = ()
+    goal: str | None = None
     stand: str = "stand"
     robot: str = "g1_23dof"
     settings: str = "default"
@@ -87,6 +89,18 @@ class RunOptions:
             expected = "mujoco, --emulate, or --start reference"
             raise InputError("--start-noise", got=f"--backend {self.backend}", expected=expected)
         self._check_wire()
+        if self.goal is not None:
+            self._check_goal(parse_goal(self.goal))
+
+    def _check_goal(self, goal: GoalOption) -> None:
+        if self.motions:
+            raise InputError("--goal and --motion", hint="--motion FILE means --goal clip:FILE:full")
+        if len(self.policies) > 1:
+            raise InputError("--goal with several --policy", got=", ".join(self.policies), expected="one")
+        if goal.steered and self.start is Start.REFERENCE:
+            raise InputError("--start reference", got=f"--goal {self.goal}", expected="a clip, as it has a first frame")
+        if goal.source == "stick" and not self.attended:
+            raise InputError("--goal stick", hint="add --interactive: a person steers")
 
     def _check_wire(self) -> None:
         wires, got = ", ".join(WIRES), f"--backend {self.backend}"

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from core.clock import Clock, MonotonicClock, SimulatedClock
-from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.actors import check_bounds, check_same_period, check_same_scene, check_start, load_run, load_runs
+from deploy.actors import check_bounds, check_same_period, check_same_scene, check_start, load_run
 from deploy.cell import Cell
 from deploy.clip_check import check_clip, rehearse
 from deploy.control.loop import Observer, Plan
 from deploy.dry_run import dry_run
 from deploy.dry_run_record import RECORDS, DryRunRecord, record_of, require_records
 from deploy.episode import Start, place_at_reference
+from deploy.goals.open import Followed, GoalDesk
 from deploy.operator.console import Console
 from deploy.operator.estop import EStop
 from deploy.operator.keys import RequestSource, StopSignals
@@ -38,7 +38,6 @@ from hal.simulated.mujoco import MujocoBackend
 from hal.verification.record import RECORDS as VERIFIED
 from hal.verification.record import VerifiedRecord
 from hal.wire.backend import WireBackend
-from motion.clip_set import open_clips
 from robot.robot import Robot, load_robot
 from world.model import check_meshes, compile_model
 from world.options import SimOptions, load_sim_options
@@ -52,12 +51,16 @@ class _Setup:
     robot: Robot
     settings: DeploySettings
     sim: SimOptions
-    actors: tuple[ActorRun, ...]
+    followed: Followed
     stand: ActorRun | None
     period_s: float
     clock: Clock
     backend: Backend
     voice: Voice
+
+    @property
+    def actors(self) -> tuple[ActorRun, ...]:
+        return self.followed.runs
 
     @property
     def runs(self) -> list[ActorRun]:
@@ -106,11 +109,9 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
     robot, settings, sim = load_robot(options.robot), load_settings(options.settings), load_sim_options(options.sim)
     if options.meshes is not None:
         check_meshes(robot, options.meshes)
-    actors = tuple(load_runs(options.policies, open_clips(options.motions, robot), robot, settings.entry))
-    if len(actors) > 1 and not options.attended:
-        raise InputError("several --policy or --motion", hint="add --interactive: a person chooses between them")
     stand = load_run(options.stand, None, robot, settings.entry) if options.start is Start.STAND else None
-    runs = [*actors, *([] if stand is None else [stand])]
+    followed = GoalDesk(robot, settings, stand, voice.say, stack).open_all(options)
+    runs = [*followed.runs, *([] if stand is None else [stand])]
     for run in runs:
         check_bounds(run, robot, settings.actor)
         if stand is not None:
@@ -124,7 +125,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
         control_period_s=period_s,
         config=options.hal_config,
         sim=sim,
-        scene=check_same_scene([*actors]),
+        scene=check_same_scene([*followed.runs]),
         sim_model=options.sim_model,
         gantry=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,
@@ -132,7 +133,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
         endpoints=options.endpoints,
         emulator=stack.enter_context(_emulator(options)) if options.emulate else None,
     )
-    return _Setup(robot, settings, sim, actors, stand, period_s, clock, backend, voice)
+    return _Setup(robot, settings, sim, followed, stand, period_s, clock, backend, voice)
 
 
 def _emulator(options: RunOptions) -> Emulator:
@@ -159,7 +160,8 @@ def _require_dry_runs(options: RunOptions, setup: _Setup, info: DeviceInfo | Non
 
 def _rehearse_clips(setup: _Setup) -> None:
     """A clip that its actor was not trained for is played in simulation before anything is opened."""
-    checks = [check for a in setup.actors for check in rehearse(a, setup.robot, setup.settings, setup.voice.say)]
+    how = (setup.robot, setup.settings, setup.voice.say)
+    checks = [check for actor in setup.followed.judged for check in rehearse(actor, *how)]
     if checks:
         setup.voice.say(table(checks))
         require(checks, "rehearsal")
@@ -178,7 +180,7 @@ def _preflight(options: RunOptions, setup: _Setup, info: DeviceInfo, besides: Se
     )
     checks += besides
     checks += _verified(options, setup, info)
-    for actor in setup.actors:
+    for actor in setup.followed.judged:
         checks += check_clip(actor, setup.robot, binding=options.on_real_wire)
     setup.voice.say(f"preflight {info.name}\n{table(checks)}")
     require(checks)
@@ -241,7 +243,8 @@ def _perform(
             operators.append(window)
         shared = (setup.settings.operator, setup.clock, setup.voice)
         buttons = [] if estop is None else [estop]
-        operators += people(options, setup.backend, lambda: cell.machine.mode, *shared, stack, buttons)
+        steered = (buttons, setup.followed.sticks)
+        operators += people(options, setup.backend, lambda: cell.machine.mode, *shared, stack, *steered)
         stack.enter_context(no_garbage_collection())
         if options.on_wall_clock:
             stack.enter_context(realtime(setup.voice.say))

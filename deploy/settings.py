@@ -13,6 +13,10 @@ FASTEST_RISE_RAD_S = 0.8
 FASTEST_LOWERING_S = 2.0
 FASTEST_FADE_S = 0.5
 STIFFEST_LOWERING = 3.0
+SLOWEST_STOP_S = 0.5
+LATEST_HOLD_S = 2.0
+LATEST_STALE_S = 0.5
+WIDEST_DEAD_ZONE = 0.5
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,51 @@ class OperatorSettings(Checked):
 
 
 @dataclass(frozen=True)
+class AxisSettings:
+    """One way to steer, in m/s or rad/s: its range around rest as seen in training, its fastest change a second."""
+
+    low: float
+    high: float
+    per_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        at_least("low", -self.low, 0.0)
+        at_least("high", self.high, 0.0)
+        positive("per_s", self.per_s)
+
+
+@dataclass(frozen=True)
+class GoalSettings(Checked):
+    """What may be asked of an actor that is steered, and when it stops."""
+
+    forward: AxisSettings
+    left: AxisSettings
+    turn: AxisSettings
+    lead_rad: float
+    stale_s: float
+    stop_s: float
+    hold_s: float
+    rest_s: float
+    dead_zone: float
+    keys_hold_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        positive("stop_s", self.stop_s)
+        within("stop_s", self.stop_s, 0.0, SLOWEST_STOP_S)
+        within("hold_s", self.hold_s, 0.0, LATEST_HOLD_S)
+        within("stale_s", self.stale_s, 0.0, LATEST_STALE_S)
+        within("dead_zone", self.dead_zone, 0.0, WIDEST_DEAD_ZONE)
+
+    @property
+    def axes(self) -> tuple[AxisSettings, AxisSettings, AxisSettings]:
+        """In the order in which they are steered."""
+        return self.forward, self.left, self.turn
+
+
+@dataclass(frozen=True)
 class DeploySettings(Checked):
     """Everything in one file of configs/deploy."""
 
@@ -183,6 +232,7 @@ class DeploySettings(Checked):
     record: RecordSettings
     estop: EStopSettings | None
     operator: OperatorSettings
+    goals: GoalSettings
 
 
 def load_settings(name_or_file: str | Path = "default") -> DeploySettings:

@@ -15,7 +15,7 @@ from core.errors import InputError
 from policy.adapters.registry import read_foreign_spec
 from policy.graph import NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
-from policy.observation import gather_index, spec_dims
+from policy.observation import asks_for, gather_index, spec_dims
 from policy.session import ORT_ERRORS, one_line, open_session
 from policy.spec import ActorSpec, MotionInfo
 from robot.robot import Robot
@@ -135,7 +135,8 @@ def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo |
             raise InputError("this actor follows commands, not a motion", where=path, hint="leave --motion out")
         return spec
     if spec.motion is None and motion is None:
-        raise InputError("this actor carries no reference motion: give --motion", where=path)
+        missing = "--goal or --motion" if asks_for(spec.observations, "goal_visible") else "--motion"
+        raise InputError(f"this actor carries no reference motion: give {missing}", where=path)
     if motion is None:
         return spec
     if spec.motion is None:

@@ -19,6 +19,7 @@ from policy.terms import ObservationInput
 from robot.robot import Robot
 
 EVERYTHING = visible_in("full")
+NORTH = np.array([1.0, 0.0, 0.0, 0.0])  # heading 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,7 @@ class PolicyController:
         reference: ReferenceMotion | None = None,
         tick: int = 0,
         visible: np.ndarray = EVERYTHING,
+        turn_rad: float | None = None,
         given: Mapping[str, Given] = MappingProxyType({}),
     ) -> PolicyOutput:
         """One control tick. (4,), (3,) rad/s in the base frame, (J,), (J,) and the motion phase in [0, 1].
@@ -99,7 +101,8 @@ class PolicyController:
         ``lap`` is called with "observe" and "infer" as these parts end, for whoever times them. ``reference``: the
         clip, for an actor that looks ahead, and the ``tick`` of it that is now; its heading becomes the robot's at the
         first call after ``reset``. ``visible`` (V,): which parts of it an actor that follows goals is shown, of
-        :data:`policy.goals.PARTS`. ``given``: commands and maps by name.
+        :data:`policy.goals.PARTS`. ``turn_rad``: by how much the reference is turned besides, where heading 0 becomes
+        the robot's at that call, not the reference's own. ``given``: commands and maps by name.
         """
         base_quat = np.asarray(base_quat_wxyz, np.float64)
         samples = self._samples(
@@ -111,7 +114,7 @@ class PolicyController:
                 last_action=self._last_action,
                 phase=np.array([phase], np.float64),
                 default_pos_rad=self.actor.spec.default_pos_rad,
-                reference=self._window(base_quat, reference, tick, visible),
+                reference=self._window(base_quat, reference, tick, visible, turn_rad),
                 given=self._given(given),
             )
         )
@@ -140,16 +143,21 @@ class PolicyController:
         )
 
     def _window(
-        self, base_quat: np.ndarray, reference: ReferenceMotion | None, tick: int, visible: np.ndarray
+        self,
+        base_quat: np.ndarray,
+        reference: ReferenceMotion | None,
+        tick: int,
+        visible: np.ndarray,
+        turn_rad: float | None,
     ) -> ReferenceWindow | None:
         if not self.window_ticks or reference is None:
             return None
         if self._turn_rad is None:
             here = min(tick, len(reference.root_quat_wxyz) - 1)
-            self._turn_rad = heading_difference_rad(base_quat, reference.root_quat_wxyz[here])
-        return window_at(
-            reference, tick, self.window_ticks, self._to_actor, self._turn_rad, points=self._points, visible=visible
-        )
+            own = NORTH if turn_rad is not None else reference.root_quat_wxyz[here]
+            self._turn_rad = heading_difference_rad(base_quat, own)
+        turn = self._turn_rad + (turn_rad or 0.0)
+        return window_at(reference, tick, self.window_ticks, self._to_actor, turn, points=self._points, visible=visible)
 
     def _given(self, given: Mapping[str, Given]) -> dict[str, np.ndarray]:
         """What is in force of commands and maps."""

@@ -195,7 +195,7 @@ class StateMachine:
         elif self.mode is Mode.TRACKING and active:
             if active.finished:
                 self._end_of_clip(state)
-            elif self._hold_wanted and stand and stand.obstacle(state) is None:
+            elif (self._hold_wanted or active.resting) and stand and stand.obstacle(state) is None:
                 self._activate(stand, Mode.HOLD)
         elif self.mode is Mode.LOWERING and self._lowering:
             if self._lowering.done or self._lowering.lost(state):
@@ -269,6 +269,8 @@ class StateMachine:
         if self._stand is None:
             return "hold refused: there is no stand actor"
         self._hold_wanted = True
+        if self.active is not None:
+            self.active.give_way()
         return None
 
     def _damp(self, *, latched: bool) -> None:

@@ -1,6 +1,7 @@
 """Requests from a gamepad at the robot's computer, by the kernel's names of its buttons."""
 
 import fcntl
+import math
 import os
 import struct
 from collections.abc import Callable, Sequence
@@ -13,6 +14,7 @@ from core.clock import Clock
 from core.errors import InputError
 from deploy.control.states import Request
 from deploy.operator.buttons import BUTTON_TABLE, STOP_BUTTON, Buttons
+from deploy.operator.sticks import Sticks
 
 # linux/joystick.h: an event is time in ms, value, type (0x80 marks the state at opening) and number.
 EVENT = struct.Struct("=IhBB")
@@ -32,16 +34,20 @@ MEANINGS = {
 # A driver that only numbers the buttons, whatever is printed on them, has these two among the first six.
 NUMBERED = {"BTN_C", "BTN_Z"}
 TRIGGERS = {2: "ABS_Z", 5: "ABS_RZ"}
+# Right and down are positive.
+STICKS = {0: "ABS_X", 1: "ABS_Y", 3: "ABS_RX"}
+FULL_WAY = 32767
 STOP_PLACE = "the right one of the four (B on Xbox, circle on PlayStation, A on Switch)"
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the kernel calls a pad, its buttons and its triggers, by their numbers in events."""
+    """What the kernel calls a pad, its buttons, triggers and sticks, by their numbers in events."""
 
     name: str
     buttons: tuple[str, ...]
     triggers: dict[int, str]
+    sticks: dict[int, str]
 
 
 def read_layout(fd: int) -> Layout:
@@ -51,22 +57,34 @@ def read_layout(fd: int) -> Layout:
     codes = struct.unpack(f"={BUTTON_BYTES // 2}H", fcntl.ioctl(fd, READ_BUTTONS, bytes(BUTTON_BYTES)))[:count]
     places = fcntl.ioctl(fd, READ_AXES, bytes(AXIS_BYTES))[:axes]
     buttons = tuple(NAMES.get(code, f"{code:#x}") for code in codes)
-    return Layout(name, buttons, {i: TRIGGERS[place] for i, place in enumerate(places) if place in TRIGGERS})
+    triggers, sticks = ({i: of[place] for i, place in enumerate(places) if place in of} for of in (TRIGGERS, STICKS))
+    return Layout(name, buttons, triggers, sticks)
 
 
 class Gamepad:
     """A gamepad as a file of the Linux joystick interface, such as /dev/input/js0. A context manager, a StopSource.
 
     It is live once its stop button has been tried, while it is there and has said anything in the last silent_s: a
-    wireless pad that is out of range says nothing at all, like one that nobody touches.
+    wireless pad that is out of range says nothing at all, like one that nobody touches. sticks: what its sticks move;
+    they are as they were last said to be, until the pad is gone or has been silent for silent_s.
     """
 
     name = "gamepad"
 
-    def __init__(self, path: Path, buttons: Buttons, clock: Clock, silent_s: float, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        buttons: Buttons,
+        clock: Clock,
+        silent_s: float,
+        say: Callable[[str], None],
+        sticks: Sticks | None = None,
+    ) -> None:
         self._path, self._buttons, self._clock, self._silent_s, self._say = path, buttons, clock, silent_s, say
+        self._sticks = sticks
+        self._ways = dict.fromkeys(STICKS.values(), 0.0)
         self._fd: int | None = None
-        self._layout = Layout("", (), {})
+        self._layout = Layout("", (), {}, {})
         self._rest = b""
         self._pressed: set[str] = set()
         self._heard_s = -float("inf")
@@ -109,6 +127,14 @@ class Gamepad:
 
     def poll(self) -> Sequence[Request]:
         """See RequestSource."""
+        requests = self._requests()
+        if self._sticks is not None:
+            there = self._fd is not None and self._clock.now_s() - self._heard_s < self._silent_s
+            right, down, turn = self._ways.values()
+            self._sticks.hear(self.name, -down, -right, -turn, age_s=0.0 if there else math.inf)
+        return requests
+
+    def _requests(self) -> Sequence[Request]:
         if self._fd is None:
             return ()
         try:
@@ -130,12 +156,15 @@ class Gamepad:
         return [*asked, *self._buttons.take(self._pressed, now_s)]
 
     def _note(self, value: int, kind: int, number: int) -> None:
-        """Keep what is pressed. A trigger that is pulled beyond its middle counts as a button."""
+        """Keep what is pressed, and where sticks are. A trigger pulled beyond its middle counts as a button."""
         buttons, triggers = self._layout.buttons, self._layout.triggers
         if kind == BUTTON_EVENT and number < len(buttons):
             name = MEANINGS.get(buttons[number], buttons[number])
         elif kind == AXIS_EVENT and number in triggers:
             name = triggers[number]
+        elif kind == AXIS_EVENT and number in self._layout.sticks:
+            self._ways[self._layout.sticks[number]] = value / FULL_WAY
+            return
         else:
             return
         (self._pressed.add if value > 0 else self._pressed.discard)(name)

@@ -1,6 +1,7 @@
 """Single keys from a terminal or a pipe."""
 
 import contextlib
+import math
 import os
 import select
 import sys
@@ -12,6 +13,7 @@ from typing import Any, Self
 
 from deploy.control.states import Request
 from deploy.operator.keys import KEY_TABLE, KEYS
+from deploy.operator.sticks import STEER_TABLE, Sticks
 from deploy.operator.takeover import HOW, TAKING, WORD, Consent
 
 STOPS = frozenset({Request.DAMP, Request.FINISH})
@@ -26,16 +28,22 @@ class Keyboard:
     A context manager and a StopSource; leaving it restores the terminal. While it is ours, neither Ctrl-S nor Ctrl-Z
     stops anything but the keys. consent: on a robot. Each key is read alone then: what comes in several bytes, pasted
     text or an escape sequence, does nothing but stop, and consent is typed as a word. None: every character is a key.
+    sticks: what the keys for steering move; None where nothing is steered.
     """
 
     name = "keyboard"
     missing: str | None = None
 
     def __init__(
-        self, fd: int | None = None, say: Callable[[str], None] = print, consent: Consent | None = None
+        self,
+        fd: int | None = None,
+        say: Callable[[str], None] = print,
+        consent: Consent | None = None,
+        sticks: Sticks | None = None,
     ) -> None:
         self._fd = _standard_input() if fd is None else fd
-        self._say, self._consent = say, consent
+        self._say, self._consent, self._sticks = say, consent, sticks
+        self._table = KEY_TABLE if sticks is None else f"{KEY_TABLE}   {STEER_TABLE}"
         self._before: list[Any] | None = None
         self._typed: str | None = None
 
@@ -47,7 +55,7 @@ class Keyboard:
     def __enter__(self) -> Self:
         if self._fd is not None and os.isatty(self._fd):
             self._take_terminal(self._fd)
-        self._say(KEY_TABLE)
+        self._say(self._table)
         return self
 
     def __exit__(
@@ -60,6 +68,12 @@ class Keyboard:
     def poll(self) -> Sequence[Request]:
         """See RequestSource."""
         data = self._read()
+        requests = self._requests(data)
+        if self._sticks is not None:
+            self._sticks.hear(self.name, *self._sticks.keys.next(), age_s=0.0 if self.live else math.inf)
+        return requests
+
+    def _requests(self, data: bytes) -> Sequence[Request]:
         if self._consent is not None and (len(data) > 1 or data.startswith(ESCAPE)):
             return self._only_stops(data)
         text = data.decode("utf-8", errors="replace")
@@ -74,8 +88,9 @@ class Keyboard:
         if request in TAKING and self._consent is not None and not self._consent.given:
             self._ask()
             return None
-        if request is None and not key.isspace():
-            self._say(f"no such key: {key!r}; {KEY_TABLE}")
+        steers = self._sticks is not None and self._sticks.keys.press(key)
+        if request is None and not steers and not key.isspace():
+            self._say(f"no such key: {key!r}; {self._table}")
         return request
 
     def _only_stops(self, data: bytes) -> Sequence[Request]:

@@ -11,6 +11,7 @@ from deploy.operator.keyboard import Keyboard
 from deploy.operator.keys import RequestSource, StopSource
 from deploy.operator.presence import Presence
 from deploy.operator.remote import RemoteButtons
+from deploy.operator.sticks import Sticks
 from deploy.operator.takeover import Consent, Takeover
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
@@ -28,23 +29,25 @@ def people(
     voice: Voice,
     stack: contextlib.ExitStack,
     buttons: Sequence[StopSource] = (),
+    sticks: Sticks | None = None,
 ) -> list[RequestSource]:
     """What the loop asks every tick, open until `stack` ends. mode: the machine's present state.
 
     On a real wire somebody has to be there while the robot moves, and to agree before it is taken over. buttons: that
-    stop, and are asked elsewhere; they count as somebody.
+    stop, and are asked elsewhere; they count as somebody. sticks: what they steer by, where they steer.
     """
     consent = Consent() if options.on_real_wire else None
     sources: list[StopSource] = []
     if options.attended:
-        sources.append(stack.enter_context(Keyboard(say=voice.say, consent=consent)))
+        sources.append(stack.enter_context(Keyboard(say=voice.say, consent=consent, sticks=sticks)))
     if options.gamepad is not None:
         pad = Buttons(consent, settings.chord_s)
-        gamepad = Gamepad(options.gamepad, pad, clock, settings.gamepad_silent_s, voice.say)
+        gamepad = Gamepad(options.gamepad, pad, clock, settings.gamepad_silent_s, voice.say, sticks)
         sources.append(stack.enter_context(gamepad))
     if isinstance(backend, WireBackend):
         remote = Buttons(consent, settings.chord_s)
-        sources.append(RemoteButtons(backend.remote, remote, clock, settings.remote_silent_s))
+        silent_s, ways = settings.remote_silent_s, backend.remote_sticks
+        sources.append(RemoteButtons(backend.remote, remote, clock, silent_s, sticks, ways))
     if consent is None:
         return [*sources]
     present = Presence([*sources, *buttons], mode, clock, settings, voice.complain)

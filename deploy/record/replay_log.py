@@ -13,6 +13,8 @@ from core.arguments import ArgumentParser, number_argument, path_argument
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.goals.clip import ClipGoal
+from deploy.goals.option import parse_goal
 from deploy.record.read_log import LoggedTick, read_log
 from deploy.settings import load_settings
 from policy.actor import Actor
@@ -54,13 +56,15 @@ def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[Log
 def first_difference(run: ActorRun, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
     """Feed the states to the actor as the loop did; None where everything agrees within the tolerance."""
     spec, controller = run.actor.spec, PolicyController(run.actor, robot)
+    assert isinstance(run.goals, ClipGoal), "loaded with a clip"
     for number, tick in enumerate(ticks):
         if tick.action["tick"] == 0 or number == 0:
             controller.reset()
         now = tick.action["tick"]
-        phase = min(1.0, now * run.period_s / run.duration_s)
+        goal = run.goals.at(now)
         quat, ang_vel, pos, vel = (_array(tick.state[name]) for name in STATE_FIELDS)
-        output = controller.act(quat, ang_vel, pos, vel, phase, reference=run.reference, tick=now)
+        shown = {"reference": goal.reference, "tick": now, "visible": goal.visible}
+        output = controller.act(quat, ang_vel, pos, vel, goal.phase, **shown)
         for term, logged, replayed in _pairs(spec, robot, tick, output):
             if not _close(logged, replayed, tolerance):
                 return Difference(now, tick.time_s, term, logged, replayed)
@@ -73,6 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("log", type=path_argument, help="an MCAP file that deploy/run --log wrote")
     parser.add_argument("--policy", required=True, metavar="NAME|FILE")
     parser.add_argument("--motion", metavar="NAME|FILE", help="the clip, for actors that do not carry it")
+    parser.add_argument("--goal", metavar="clip:FILE[:KIND]", help="likewise, for actors that follow goals")
     parser.add_argument("--robot", default="g1_23dof", metavar="NAME|FILE")
     parser.add_argument(
         "--tolerance", type=number_argument, default=1e-5, metavar="T", help="largest difference of a term that is none"
@@ -80,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given = parser.parse_args(arguments)
         robot = load_robot(given.robot)
-        run = load_run(given.policy, given.motion, robot, load_settings().entry)
+        run = _loaded(given.policy, given.motion, given.goal, robot)
         log = read_log(given.log)
         if log.joint_names != robot.joint_names:
             raise InputError("the log is of another robot", where=given.log, expected=robot.name)
@@ -96,6 +101,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT
+
+
+def _loaded(policy: str, motion: str | None, goal: str | None, robot: Robot) -> ActorRun:
+    entry = load_settings().entry
+    if goal is None:
+        return load_run(policy, motion, robot, entry)
+    option = parse_goal(goal)
+    if option.steered:
+        raise InputError("only clips are replayed", where="--goal", got=goal, expected="clip:FILE[:KIND]")
+    return load_run(policy, option.file, robot, entry, option.kind)
 
 
 def _pairs(spec: ActorSpec, robot: Robot, tick: LoggedTick, output: PolicyOutput) -> Iterator[tuple[str, float, float]]:

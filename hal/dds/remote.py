@@ -19,6 +19,11 @@ class Remote:
     right_x: float
     right_y: float
 
+    @property
+    def sticks(self) -> tuple[float, float, float, float]:
+        """Left x, y, right x, y."""
+        return self.left_x, self.left_y, self.right_x, self.right_y
+
 
 def decode_remote(data: bytes) -> Remote | None:
     """The remote's state from its 40 bytes; None where all are zero, as they are without a remote.

@@ -45,7 +45,7 @@ class StateWriter:
         self._board.imu(imu["quaternion"], imu["gyroscope"], imu["accelerometer"], stamp_s)
         remote = decode_remote(message["wireless_remote"].tobytes())
         if remote is not None:
-            self._board.remote(remote.buttons, now_s)
+            self._board.remote(remote.buttons, now_s, remote.sticks)
 
     def acknowledge(self) -> None:
         """The operator's word: what was latched is forgotten."""

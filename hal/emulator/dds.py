@@ -133,13 +133,15 @@ class DdsDevice(DeviceSide):
         }
 
     def request(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """`buttons`: those pressed on the remote from now on. `motion_service`: have it drive in a mode again.
+        """`buttons`: those pressed on the remote from now on. `sticks`: where they are then, left x, y, right x, y.
 
-        `release_s`: how long that service takes to let go from now on.
+        `motion_service`: have it drive in a mode again. `release_s`: how long that service takes to let go from now on.
         """
         match dict(content):
             case {"buttons": list(buttons)} if set(buttons) <= set(BUTTONS):
-                self._remote = Remote(tuple(buttons), 0.0, 0.0, 0.0, 0.0)
+                self._remote = Remote(tuple(buttons), *self._remote.sticks)
+            case {"sticks": [*sticks]} if len(sticks) == 4 and all(isinstance(way, int | float) for way in sticks):
+                self._remote = Remote(self._remote.buttons, *map(float, sticks))
             case {"motion_service": str(mode)} if mode in MODES:
                 self._service.select(mode)
             case {"release_s": int(seconds) | float(seconds)} if seconds >= 0:
@@ -147,7 +149,8 @@ class DdsDevice(DeviceSide):
             case _:
                 modes = ", ".join(MODES)
                 expected = (
-                    f"buttons: some of {', '.join(BUTTONS)}; motion_service: one of {modes}; or release_s: a time"
+                    f"buttons: some of {', '.join(BUTTONS)}; sticks: four numbers; motion_service: one of {modes}; "
+                    "or release_s: a time"
                 )
                 raise InputError("unknown request", where="emulator", got=dict(content), expected=expected)
         return {}

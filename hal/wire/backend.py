@@ -19,7 +19,7 @@ from core.processes import without_windows
 from hal.contract.backend import ClosesByDamping
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
-from hal.wire.boards import Snapshot, is_complete
+from hal.wire.boards import is_complete, missing
 from hal.wire.driver import DriverFactory
 from hal.wire.lock import WireLock
 from hal.wire.outbox import Kind
@@ -110,7 +110,7 @@ class WireBackend(ClosesByDamping):
         snapshot = self._state.snapshot()
         now_s = self.clock.now_s()
         if snapshot is None or not is_complete(snapshot):
-            raise NoState(f"{self.name}: {self._missing(snapshot)}")
+            raise NoState(f"{self.name}: {missing(snapshot, self.robot.joint_names)}")
         joint_age_s = np.maximum(0.0, now_s - snapshot.joint_stamp_s)
         imu_age_s = max(0.0, now_s - snapshot.imu_stamp_s)
         silence_s = min(float(joint_age_s.min()), imu_age_s)
@@ -209,6 +209,12 @@ class WireBackend(ClosesByDamping):
         self._read_texts()
         return self._texts[2], max(0.0, self.clock.now_s() - snapshot.remote_stamp_s)
 
+    def remote_sticks(self) -> tuple[float, float, float, float]:
+        """Sticks of a wireless remote, as old as its buttons: left x, y, right x, y; right and up positive, up to 1."""
+        snapshot = self._state.snapshot() if self._is_open else None
+        left_x, left_y, right_x, right_y = (0.0,) * 4 if snapshot is None else snapshot.remote_sticks.tolist()
+        return left_x, left_y, right_x, right_y
+
     def _disable(self) -> None:
         """Let the wire process end, or its standby where that has the wire. One that opens a wire need not be waited
         for: nothing is switched on. One that is late goes on without the loop: it damps, disables and ends."""
@@ -291,10 +297,3 @@ class WireBackend(ClosesByDamping):
         serial = self._state.texts_serial
         if serial != self._texts[0]:
             self._texts = (serial, *self._state.texts())
-
-    def _missing(self, snapshot: Snapshot | None) -> str:
-        if snapshot is None:
-            return "no state has arrived yet"
-        names = [name for name, s in zip(self.robot.joint_names, snapshot.joint_stamp_s) if not math.isfinite(s)]
-        names += [] if math.isfinite(snapshot.imu_stamp_s) else ["the IMU"]
-        return f"nothing heard yet of {', '.join(names)}"

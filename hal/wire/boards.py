@@ -3,7 +3,7 @@
 import json
 import math
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,8 @@ STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
-CHARGE, SUPPLY, REMOTE, ENERGISED = -4, -3, -2, -1
-SINGLES = 4
+STICKS, CHARGE, SUPPLY, REMOTE, ENERGISED = slice(-8, -4), -4, -3, -2, -1
+NUM_STICKS, EXTRA = 4, 8  # of a remote; numbers after the IMU's
 Index = np.ndarray | list[int] | slice | int
 Value = np.ndarray | float
 
@@ -27,7 +27,7 @@ class Snapshot:
     """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
 
     temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. charge, supply, energised:
-    see RobotState.
+    see RobotState. remote_sticks (4,): left x, y, right x, y, from -1 to 1, right and up positive.
     """
 
     joint_pos_rad: np.ndarray
@@ -42,6 +42,7 @@ class Snapshot:
     charge: float
     supply: float
     remote_stamp_s: float
+    remote_sticks: np.ndarray
     energised: bool
 
 
@@ -56,11 +57,11 @@ class StateBoard:
         texts = numbers + Ring.size(TEXT_BYTES)
         self._texts = Ring(buffer[numbers:texts], TEXT_BYTES)
         self._statistics = Ring(buffer[texts:], STATISTICS_BYTES)
-        self._values = np.full(ROWS * num_joints + IMU_VALUES + SINGLES, np.nan)
+        self._values = np.full(ROWS * num_joints + IMU_VALUES + EXTRA, np.nan)
         self._joints = self._values[: ROWS * num_joints].reshape(ROWS, num_joints)
-        self._imu = self._values[ROWS * num_joints : CHARGE]
+        self._imu = self._values[ROWS * num_joints : -EXTRA]
         self._joints[STAMP] = self._imu[-1] = self._values[REMOTE] = -np.inf
-        self._values[ENERGISED] = 0.0
+        self._values[ENERGISED], self._values[STICKS] = 0.0, 0.0
         self._lock = threading.Lock()
         self._faults: set[str] = set()
         self._buttons: tuple[str, ...] = ()
@@ -95,10 +96,10 @@ class StateBoard:
             self._imu[10] = stamp_s
             self._numbers.publish(self._values.tobytes())
 
-    def remote(self, buttons: Collection[str], stamp_s: float) -> None:
-        """The buttons of a wireless remote that are pressed, heard at stamp_s."""
+    def remote(self, buttons: Collection[str], stamp_s: float, sticks: Sequence[float] = (0.0,) * NUM_STICKS) -> None:
+        """The buttons of a wireless remote that are pressed and its sticks, see Snapshot, heard at stamp_s."""
         with self._lock:
-            self._values[REMOTE] = stamp_s
+            self._values[REMOTE], self._values[STICKS] = stamp_s, sticks
             self._numbers.publish(self._values.tobytes())
             if (pressed := tuple(sorted(buttons))) != self._buttons:
                 self._buttons = pressed
@@ -162,7 +163,7 @@ class StateBoard:
             return None
         values = np.frombuffer(latest[1], dtype=np.float64)
         joints = values[: ROWS * self.num_joints].reshape(ROWS, self.num_joints)
-        imu = values[ROWS * self.num_joints : CHARGE]
+        imu = values[ROWS * self.num_joints : -EXTRA]
         return Snapshot(
             joint_pos_rad=joints[POS],
             joint_vel_rad_s=joints[VEL],
@@ -176,6 +177,7 @@ class StateBoard:
             charge=float(values[CHARGE]),
             supply=float(values[SUPPLY]),
             remote_stamp_s=float(values[REMOTE]),
+            remote_sticks=values[STICKS],
             energised=bool(values[ENERGISED]),
         )
 
@@ -210,5 +212,14 @@ def is_complete(snapshot: Snapshot | None) -> bool:
     return math.isfinite(snapshot.imu_stamp_s) and bool(np.isfinite(snapshot.joint_stamp_s).all())
 
 
+def missing(snapshot: Snapshot | None, joint_names: Sequence[str]) -> str:
+    """What has not been heard yet, in words."""
+    if snapshot is None:
+        return "no state has arrived yet"
+    names = [name for name, s in zip(joint_names, snapshot.joint_stamp_s) if not math.isfinite(s)]
+    names += [] if math.isfinite(snapshot.imu_stamp_s) else ["the IMU"]
+    return f"nothing heard yet of {', '.join(names)}"
+
+
 def _number_bytes(num_joints: int) -> int:
-    return 8 * (ROWS * num_joints + IMU_VALUES + SINGLES)
+    return 8 * (ROWS * num_joints + IMU_VALUES + EXTRA)

@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from core.clock import SimulatedClock
-from deploy.actor_run import asked_by
 from deploy.actors import load_run
 from deploy.cell import Cell
 from deploy.control.tick import Tick
 from deploy.episode import place_at_reference
+from deploy.goals.clip import asked_by
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Asked, make_sample
 from hal.simulated.mujoco import MujocoBackend
@@ -103,9 +103,9 @@ def test_a_tick_judges_by_the_actor_that_moves_the_robot():
     cell.start_tracking()
     tick = Tick(cell.machine, cell.guard)
     seen = state(imu_quat_wxyz=tilted(0.6), joint_pos_rad=stand.start_pose_rad)
-    stand._asked = (leaning(0.7),) * (stand.num_ticks + 1)
+    stand.goals._asked = (leaning(0.7),) * (stand.num_ticks + 1)
     assert all(tick(replace(seen, time_s=now * PERIOD_S)).fault is None for now in range(5))
-    stand._asked = (REST,) * (stand.num_ticks + 1)
+    stand.goals._asked = (REST,) * (stand.num_ticks + 1)
     faults = [tick(replace(seen, time_s=now * PERIOD_S)).fault for now in range(5, 8)]
     assert faults[:2] == [None, None] and faults[2].rule == "tilt"
 

@@ -40,6 +40,7 @@ def emulator(started: Emulator) -> Emulator:
     started.control.clear_fault()
     started.control.reset()
     started.control.device(buttons=[])
+    started.control.device(sticks=[0, 0, 0, 0])
     started.control.device(release_s=0.2)
     return started
 
@@ -327,6 +328,9 @@ def test_temperatures_and_the_remote_arrive(emulator: Emulator) -> None:
         wait(lambda: host.seen().temperature_c[knee] == 105.0)
         wait(lambda: host.state.texts()[1] == ("B", "L1"))
         assert host.seen().remote_stamp_s > 0
+        emulator.control.device(sticks=[0.5, -0.25, 1, 0])
+        wait(lambda: host.seen().remote_sticks.tolist() == [0.5, -0.25, 1.0, 0.0])
+        assert host.state.texts()[1] == ("B", "L1")
 
 
 def test_the_state_of_charge_arrives(emulator: Emulator) -> None:

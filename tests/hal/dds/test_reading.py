@@ -123,7 +123,10 @@ def test_the_remote_is_passed_on_and_an_absent_one_is_not_heard() -> None:
     message["wireless_remote"][2:4] = 0b00000101, 0b00000010
     to.hear(message, 2.0)
     assert onto.snapshot().remote_stamp_s == 2.0
-    assert onto.texts()[1] == ("B", "R1", "start")
+    assert onto.texts()[1] == ("B", "R1", "start") and not onto.snapshot().remote_sticks.any()
+    message["wireless_remote"] = np.frombuffer(encode_remote(Remote((), 0.5, -0.5, 1.0, 0.25)), np.uint8)
+    to.hear(message, 3.0)
+    assert onto.snapshot().remote_sticks.tolist() == [0.5, -0.5, 1.0, 0.25]
 
 
 LOW_BYTE = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2")

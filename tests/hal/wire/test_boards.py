@@ -94,6 +94,14 @@ def test_buttons(boards):
     assert reader.texts_serial == serial and reader.snapshot().remote_stamp_s == 4.0
 
 
+def test_sticks_are_beside_the_imu_and_rest_where_none_are_told(boards):
+    writer, reader = boards
+    writer.remote((), 3.0, (0.5, -0.25, 1.0, -1.0))
+    assert reader.snapshot().remote_sticks.tolist() == [0.5, -0.25, 1.0, -1.0] and reader.snapshot().imu_stamp_s < 0.0
+    writer.remote((), 4.0)
+    assert not reader.snapshot().remote_sticks.any()
+
+
 def test_figures_for_the_report(boards):
     boards[0].stats("frames.corrupt", 2)
     assert boards[0].all_stats() == {"frames.corrupt": 2}
