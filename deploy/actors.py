@@ -26,10 +26,14 @@ Bound = np.ndarray | float
 
 
 def load_runs(
-    policies: Sequence[str], clips: Sequence[NamedClip], robot: Robot, entry: EntrySettings
+    policies: Sequence[str],
+    clips: Sequence[NamedClip],
+    robot: Robot,
+    entry: EntrySettings,
+    kind: str = "full",
 ) -> list[ActorRun]:
-    """Each actor with each clip, or with its own where there are none. Raises InputError on any misfit."""
-    return [load_run(policy, clip, robot, entry) for policy in policies for clip in clips or (None,)]
+    """Each actor with each clip, or with its own where there are none; see :func:`load_run`."""
+    return [load_run(policy, clip, robot, entry, kind) for policy in policies for clip in clips or (None,)]
 
 
 def load_run(
@@ -56,6 +60,8 @@ def load_run(
     if clip is None:
         raise InputError("the actor carries no reference motion", where=actor.path, hint="give --motion")
     assert actor.spec.motion is not None, "it says which motion is inside"
+    if kind != "full" and not follows_goals(actor.spec):
+        raise InputError("this actor follows clips, not goals", where=actor.path, got=f"--goal {kind}", expected="full")
     goal = ClipGoal(actor.spec.motion.name, clip, reference_for(actor, clip, robot), start_pose_rad(actor, robot), kind)
     return ActorRun(actor, robot, entry, goal)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_count_argument
 from core.errors import InputError
 from core.files import check_output_file, check_output_folder, check_output_kind, write_json
+from policy.goals import KINDS
 from robot.robot import load_robot
 from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
@@ -32,6 +33,12 @@ def build_parser() -> ArgumentParser:
         default=[],
         metavar="FILE",
         help="clip for an actor that carries none, a folder of clips, or a manifest; give several for a row each",
+    )
+    add(
+        "--goal",
+        choices=tuple(KINDS),
+        default="full",
+        help="what an actor that follows goals is shown of the clip (default: full)",
     )
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
@@ -62,6 +69,7 @@ def request_of(options: argparse.Namespace) -> EvaluationRequest:
     return EvaluationRequest(
         policies=tuple(options.policy),
         motions=tuple(options.motion),
+        goal=options.goal,
         sim=options.sim,
         sim_model=options.sim_model,
         start=options.start,

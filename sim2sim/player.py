@@ -27,7 +27,7 @@ class Player:
         self._kinematics = self.robot.kinematics
         entry = self._settings.entry
         self.clips = open_clips(request.motions, self.robot)
-        self.runs = load_runs(request.policies, self.clips, self.robot, entry)
+        self.runs = load_runs(request.policies, self.clips, self.robot, entry, request.goal)
         self._stand = load_run(STAND_ACTOR, None, self.robot, entry) if request.start == "stand" else None
         periods = {run.period_s for run in (*self.runs, *([self._stand] if self._stand else []))}
         if len(periods) > 1:

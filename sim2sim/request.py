@@ -15,12 +15,14 @@ class EvaluationRequest:
     """One evaluation; picklable, so that every worker process builds the same thing from it.
 
     policies: names or files, all played under the same conditions. motions: clips, or sets of them, for actors that
-    carry none; each actor plays each clip. friction, delay_s, push_m_s: None for what the
+    carry none; each actor plays each clip. goal: what an actor that follows goals is shown of them, see
+    :data:`policy.goals.KINDS`. friction, delay_s, push_m_s: None for what the
     simulation's file and `randomize` say. start: "reference" begins at the clip's first frame, "stand" on the ground.
     """
 
     policies: tuple[str, ...]
     motions: tuple[str, ...] = ()
+    goal: str = "full"
     sim: str = "default"
     sim_model: Path | None = None
     start: str = "reference"
@@ -55,6 +57,7 @@ class EvaluationRequest:
         return {
             "episodes": str(self.episodes),
             "simulation": self.sim if self.sim_model is None else f"{self.sim}, model {self.sim_model}",
+            "goal": self.goal,
             "start": f"{self.start}, joints + N(0, {self.start_noise_rad:g} rad)",
             "friction": "as the simulation says" if self.friction is None else f"{self.friction:g}",
             "delay": "as the simulation says" if self.delay_s is None else f"{1e3 * self.delay_s:g} ms",

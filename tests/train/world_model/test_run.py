@@ -68,6 +68,10 @@ def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(trained, tmp_
     assert run.reference.steering is not None
     sees = next(iter(run.act(_standing()).observation.values()))
     assert np.isfinite(sees).all() and len(sees) == _width(tmp_path / "run" / "actor.onnx")
+    played = ["--policy", str(tmp_path / "run" / "actor.onnx"), "--motion", "side_kick"]
+    assert evaluate([*played, "--goal", "vr3"]) == 0
+    assert evaluate(["--policy", str(trained / "actor.onnx"), "--motion", "side_kick", "--goal", "vr3"]) == 2
+    assert "this actor follows clips, not goals" in capsys.readouterr().err
 
 
 def _standing():
