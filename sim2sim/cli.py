@@ -14,6 +14,7 @@ from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
 from sim2sim.progress import Progress
 from sim2sim.request import EvaluationRequest
+from sim2sim.steered import evaluate_steered, steered_table
 from sim2sim.stress import load_conditions, stress, stress_document, stress_table
 from sim2sim.table import clip_table, format_table
 from world.model import check_meshes
@@ -38,7 +39,8 @@ def build_parser() -> ArgumentParser:
         "--goal",
         choices=tuple(KINDS),
         default="full",
-        help="what an actor that follows goals is shown of the clip (default: full)",
+        help="what an actor that follows goals is shown of the clip (default: full); steer without --motion: a "
+        "random stick for 20 s",
     )
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
@@ -94,6 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             check_meshes(load_robot(), options.meshes)
         if options.stress:
             _stress(options)
+        elif options.goal == "steer" and not options.motion:
+            _steer(options)
         else:
             _run(request_of(options), _writers(options))
     except InputError as error:
@@ -118,6 +122,20 @@ def _stress(options: argparse.Namespace) -> None:
     print(stress_table(rows))
     if options.json:
         write_json(options.json, stress_document(rows))
+
+
+def _steer(options: argparse.Namespace) -> None:
+    """A random stick has no reference, so there are neither pictures nor a clip's first frame."""
+    for name in ("video", "report", "stress"):
+        if getattr(options, name):
+            raise InputError(f"--{name} does not go with a random stick", hint="give --motion besides --goal steer")
+    request = request_of(options)
+    progress = Progress(request.episodes * len(request.policies))
+    documents = evaluate_steered(request, lambda score: progress.count(ended_early=score.ended != "completed"))
+    progress.end()
+    print(steered_table(documents))
+    if options.json:
+        write_json(options.json, {"runs": documents})
 
 
 def _played(request: EvaluationRequest) -> Evaluation:

@@ -16,9 +16,13 @@ class Progress:
 
     def __call__(self, job: object, score: EpisodeScore) -> None:
         """One more episode is over."""
+        self.count(ended_early=not score.survived)
+
+    def count(self, *, ended_early: bool) -> None:
+        """One more episode is over, whatever it was."""
         before = 10 * self._done // self._total
         self._done += 1
-        self._ended_early += not score.survived
+        self._ended_early += ended_early
         if self._live or 10 * self._done // self._total > before:
             elapsed_s = time.monotonic() - self._start_s
             left_s = elapsed_s * (self._total - self._done) / self._done
