@@ -35,13 +35,8 @@ def build_parser() -> ArgumentParser:
         metavar="FILE",
         help="clip for an actor that carries none, a folder of clips, or a manifest; give several for a row each",
     )
-    add(
-        "--goal",
-        choices=tuple(KINDS),
-        default="full",
-        help="what an actor that follows goals is shown of the clip (default: full); steer without --motion: a "
-        "random stick for 20 s",
-    )
+    shown = "what an actor that follows goals is shown of the clip (full); steer without --motion: a random stick, 20 s"
+    add("--goal", choices=tuple(KINDS), default="full", help=shown)
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
     add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")

@@ -67,7 +67,7 @@ def test_the_command_plays_it_and_says_what_does_not_fit(tmp_path, capsys):
     said = capsys.readouterr().out
     run = json.loads((tmp_path / "o.json").read_text())["runs"][0]
     assert "0.0 % of 1 episodes of 20 s completed" in said and f"1 by {next(iter(run['ended_early']))}" in said
-    assert 5.0 < 60.0 * run["minutes"] < 20.0 and 0.1 < run["speed_error_m_s"] < 1.0
+    assert 1.0 < 60.0 * run["minutes"] < 20.0 and 0.1 < run["speed_error_m_s"] < 1.0
     assert main(["--policy", "taichi", "--goal", "steer"]) == 2
     assert f"{resolve_actor('taichi')}: this actor follows clips, not goals" in capsys.readouterr().err
     assert main(["--policy", policy, "--goal", "steer", "--video", str(tmp_path / "v.mp4")]) == 2
