@@ -197,7 +197,8 @@ def _split_paths(overrides: Sequence[str]) -> tuple[dict[str, str | None], list[
     for override in overrides:
         key, sign, value = override.partition("=")
         if sign and key in _PATH_KEYS:
-            paths[key] = None if value in ("", "null", "none") else value
+            nothing = ("", "null", "none") if key == "init_from" else ("", "null")
+            paths[key] = None if value in nothing else value
         else:
             others.append(override)
     return paths, others

@@ -10,6 +10,7 @@ from policy.goals import KINDS, PARTS, bits_of
 from train.mdp.draws import choice, rand
 
 RANDOM = "random"
+CPU = "cpu"  # where goals are drawn
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ class Goals:
 
     def __init__(self, settings: GoalSettings | None, generator: torch.Generator) -> None:
         kinds = {"full": 1.0} if settings is None else settings.kinds
-        self._shares = torch.tensor([list(kinds.values())])
-        self._random = [name == RANDOM for name in kinds]
-        self._bits = torch.tensor([0 if name == RANDOM else bits_of(KINDS[name]) for name in kinds])
+        bits = [0 if name == RANDOM else bits_of(KINDS[name]) for name in kinds]
+        self._shares = torch.tensor([list(kinds.values())], device=CPU)
+        self._random = torch.tensor([name == RANDOM for name in kinds], device=CPU)
+        self._bits = torch.tensor(bits, device=CPU)
         self._fixed, self._generator = settings is None, generator
 
     def draw(self, number: int) -> torch.Tensor:
@@ -48,10 +50,10 @@ class Goals:
         if self._fixed:
             return self._bits.expand(number).clone()
         kind = choice(self._shares.expand(number, -1), self._generator)
-        chance = rand((number, 1), self._generator, "cpu")
-        shown = rand((number, len(PARTS)), self._generator, "cpu") < chance
-        drawn = (shown.long() << torch.arange(len(PARTS))).sum(dim=1)
-        return torch.where(torch.tensor(self._random)[kind], drawn, self._bits[kind])
+        chance = rand((number, 1), self._generator, CPU)
+        shown = rand((number, len(PARTS)), self._generator, CPU) < chance
+        drawn = (shown.long() << torch.arange(len(PARTS), device=CPU)).sum(dim=1)
+        return torch.where(self._random[kind], drawn, self._bits[kind])
 
 
 def visible(bits: torch.Tensor) -> torch.Tensor:

@@ -11,7 +11,7 @@ def step(number, robots=2, segment=0, age=None):
     whole = torch.full((robots,), number)
     wide = whole[:, None].float()
     ages = whole if age is None else torch.full((robots,), age)
-    return Steps(wide, 10.0 * wide, wide, whole, whole, ages, torch.full((robots,), segment))
+    return Steps(wide, 10.0 * wide, wide, whole, whole, ages, whole + 7, torch.full((robots,), segment))
 
 
 @pytest.fixture
