@@ -7,7 +7,7 @@ from pathlib import Path
 
 from core.errors import InputError
 from deploy.actor_run import ActorRun
-from deploy.actors import follows_goals, load_run, load_runs
+from deploy.actors import check_start, follows_goals, load_run, load_runs
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import GoalGuard
 from deploy.goals.option import GoalOption, parse_goal
@@ -106,17 +106,13 @@ class GoalDesk:
         try:
             file = beside if beside.is_file() else step.clip
             run = load_run(policy, file, self.robot, self.settings.entry, step.kind)
+            check_start(run, self.stand, self.robot, self.settings.entry)
         except InputError as error:
             raise InputError(str(error), where=where) from error
         if run.scene != self.stand.scene:
             raise InputError(
                 "not on flat ground", where=where, got="a clip with a scene", hint="play it by --goal clip:"
             )
-        away_rad, most_rad = abs(run.start_pose_rad - self.stand.start_pose_rad), self.settings.entry.joint_rad
-        if away_rad.max() > most_rad:
-            joint = self.robot.joint_names[int(away_rad.argmax())]
-            got, expected = f"{joint} {away_rad.max():.2f} rad away from it", f"at most {most_rad:g} rad"
-            raise InputError("does not begin in the standing pose", where=where, got=got, expected=expected)
         return run
 
     def _steered(self, policy: str, goal: SteerGoal | ScriptGoal) -> ActorRun:

@@ -96,7 +96,7 @@ def test_a_script_whose_clip_is_none_or_begins_elsewhere_is_refused_by_its_entry
     for name, says in (
         ("table.npz", "not on flat ground"),
         ("none.npz", "no such file"),
-        ("bent.npz", "does not begin in the standing pose, got left_knee"),
+        ("bent.npz", "does not begin in the stand pose, got left_knee"),
     ):
         (tmp_path / "script.yaml").write_text(f"steps: [{{for_s: 1.0}}, {{clip: {name}}}]")
         assert main(words(actors, f"script:{tmp_path / 'script.yaml'}")) == 2
