@@ -19,7 +19,6 @@ from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
 from motion.reference import joint_columns
 from policy.metadata import write_metadata
-from policy.observation import window_ticks
 from policy.spec import ActorSpec, ObservationGroup, motion_info
 from robot.robot import Robot
 from train.compact import round_to_half, with_half_weights
@@ -36,11 +35,16 @@ class ExportError(RuntimeError):
 
 
 def actor_spec(
-    robot: Robot, clip: Clip, motion_name: str, provenance: Mapping[str, Any], group: ObservationGroup
+    robot: Robot,
+    clip: Clip,
+    motion_name: str,
+    provenance: Mapping[str, Any],
+    group: ObservationGroup,
+    *,
+    any_clip: bool = False,
 ) -> ActorSpec:
-    """What the file says about the actor; joints in the robot's order. One that looks ahead follows any clip."""
+    """What the file says about the actor; joints in the robot's order. any_clip: it is given one at run time."""
     start = clip.joint_pos_rad[0, joint_columns(clip, robot)]
-    any_clip = bool(window_ticks([group]))
     return ActorSpec(
         robot=robot.name,
         joint_names=robot.joint_names,

@@ -16,6 +16,7 @@ from motion.clip import load_clip, save_clip
 from motion.envelope import TRAINED_ON, envelope_of
 from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
+from policy.observation import asks_for
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.companion import write_companion
@@ -202,7 +203,9 @@ def _blind_spots(setup: Setup, learner: Learner, runner: Runner, progress: Train
 
 def _write_actor(setup: Setup, learner: Learner, actor: ActorNetwork, facts: Mapping[str, Any], path: Path) -> str:
     """The actor's file, and beside it what else its learner knows; SHA-256 of the first."""
-    spec = actor_spec(setup.robot, setup.clip, setup.config.motion_name, facts, setup.config.environment.actor_group())
+    config, group = setup.config, setup.config.environment.actor_group()
+    any_clip = config.motions is not None or asks_for([group], "goal_visible")
+    spec = actor_spec(setup.robot, setup.clip, config.motion_name, facts, group, any_clip=any_clip)
     digest = export_actor(actor, spec, setup.clip, path)
     if isinstance(learner, WorldModelLearner):
         write_companion(path.parent / COMPANION_FILE, learner.beside_actor(), digest)

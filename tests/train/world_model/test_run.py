@@ -26,7 +26,11 @@ from train.companion import read_companion
 def trained(tmp_path_factory):
     """The run folder of a tracker."""
     folder = tmp_path_factory.mktemp("tracker")
-    execute(["motion=side_kick", *SMALL[1:], "iterations=15", "evaluate_every=null", f"run_dir={folder / 'run'}"])
+    (folder / "clips").mkdir()
+    shutil.copy(CLIPS / "side_kick.npz", folder / "clips")
+    execute([
+        f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null", f"run_dir={folder / 'run'}",
+    ])  # fmt: skip
     return folder / "run"
 
 
@@ -53,6 +57,14 @@ def test_another_run_begins_with_its_policy_critic_and_model(trained, tmp_path, 
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     first = next(row["iteration"] for row in rows if "warm_up" not in row)
     assert first == 10 and "model/window_loss" in rows[first - 1] and "imagined/cost" in rows[-1]
+
+
+def test_an_actor_of_one_clip_carries_it(trained, tmp_path):
+    run_dir = tmp_path / "run"
+    execute([*SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={run_dir}"])
+    run = load_run(run_dir / "actor.onnx", None, load_robot(), load_settings().entry)
+    assert (run.actor.spec.follows, run.name) == ("clip", SMALL[0].removeprefix("motion="))
+    assert np.abs(run.reference.feedforward_rad).max() > 0.01
 
 
 def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(trained, tmp_path, capsys):
