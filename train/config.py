@@ -105,8 +105,6 @@ class TrainConfig:
         Layout(self.environment.actor_group(), 1)
         if self.iterations is None:
             raise InputError("not given", where="iterations", expected="a number: the learning rate falls over them")
-        if self.device != "cpu":
-            raise InputError("not for a world model yet", where="device", got=self.device, expected="cpu")
         for where, kind, wanted in (
             ("learner.exploration.kind", self.learner.exploration.kind, "gaussian"),
             ("prior.kind", self.prior.kind, "none"),

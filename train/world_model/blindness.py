@@ -41,14 +41,14 @@ class BlindSpot:
 def describe(state: EnvState, robot: Robot) -> dict[str, Tensor]:
     """What is true (B,) of robots now."""
     physics = state.physics
-    feet = robot.tracked_index(robot.feet)
+    feet, on = robot.tracked_index(robot.feet), physics.joint_pos_rad.device
     touching = physics.foot_force_w.norm(dim=-1) > CONTACT_FORCE_N
     sliding = state.bodies.lin_vel_w[:, feet, :2].norm(dim=-1) > SLIP_M_S
-    low, high = (torch.tensor(bound).float() + sign * NEAR_LIMIT_RAD for bound, sign in (
+    low, high = (torch.tensor(bound, device=on).float() + sign * NEAR_LIMIT_RAD for bound, sign in (
         (robot.pos_lower_rad, 1), (robot.pos_upper_rad, -1)
     ))  # fmt: skip
     q = physics.joint_pos_rad
-    torque = physics.torque_nm.abs() / torch.tensor(robot.torque_limit_nm).float()
+    torque = physics.torque_nm.abs() / torch.tensor(robot.torque_limit_nm, device=on).float()
     return {
         "left": touching[:, 0],
         "right": touching[:, 1],
@@ -70,8 +70,9 @@ def blind_spots(learner: "WorldModelLearner", robot: Robot, observations: Mappin
         observations = result.observations
     told = {name: torch.stack([moment[name] for moment in seen]) for name in seen[0]}
     steps = STEPS - 1
-    times = ((ring.next - STEPS + torch.arange(steps)) % ring.steps)[:, None].expand(steps, ring.num_envs).flatten()
-    robots = torch.arange(ring.num_envs).repeat(steps)
+    passed = torch.arange(steps, device=ring.device)
+    times = ((ring.next - STEPS + passed) % ring.steps)[:, None].expand(steps, ring.num_envs).flatten()
+    robots = torch.arange(ring.num_envs, device=ring.device).repeat(steps)
     whole = ring.segments(times, robots) == ring.segments((times + 1) % ring.steps, robots)
     first = {name: values[:-1].flatten()[whole] for name, values in told.items()}
     then = {name: values[1:].flatten()[whole] for name, values in told.items()}

@@ -13,7 +13,7 @@ from train.world_model.context import QUEUE, packed_context
 from train.world_model.critic import Critic, critic_size
 from train.world_model.fitting import ModelFitting
 from train.world_model.imagination import Imagination
-from train.world_model.learner import PolicySide, WorldModelLearner
+from train.world_model.learner import PolicySide, WorldModelLearner, by_robot
 from train.world_model.model import WorldModel
 from train.world_model.network import Network
 from train.world_model.partner import Beside, InTurn
@@ -40,30 +40,33 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
     assert settings is not None and config.iterations is not None
 
     def stream(name: str) -> torch.Generator:
-        return torch.Generator().manual_seed(1000 * config.seed + _STREAMS[name])
+        return torch.Generator("cpu").manual_seed(1000 * config.seed + _STREAMS[name])
 
     substeps = env.settings.simulation.substeps
     packed = packed_context(env.simulator, env.state.sensing, substeps, CONTROL_PERIOD_S).shape[1]
     joints, context = robot.num_joints, packed - 2 * QUEUE
-    ring = Ring(settings.capacity // env.num_envs, env.num_envs, (13 + 2 * joints, joints, packed))
+    ring = Ring(settings.capacity // env.num_envs, env.num_envs, (13 + 2 * joints, joints, packed), env.device)
     model = WorldModel(robot, context, settings.fitting.hidden, CONTROL_PERIOD_S, stream("model"), config.precision)
-    handed_over = copy.deepcopy(model).requires_grad_(False)
+    handed_over = copy.deepcopy(model.to(env.device)).requires_grad_(False)
     layout = Layout(env.actor_group, joints)
-    policy = BoundedResidual(robot, layout, settings.policy.hidden, ACTION_SCALE, stream("policy"), config.precision)
+    policy = BoundedResidual(
+        robot, layout, settings.policy.hidden, ACTION_SCALE, stream("policy"), config.precision
+    ).to(env.device)
     rounds = max(1, config.iterations // settings.round)
     learning = PolicyLearning(
         settings,
         policy,
-        _critic(settings, joints, layout.ahead_size + context, config.precision, stream("critic")),
+        _critic(settings, joints, layout.ahead_size + context, config.precision, stream("critic"), env.device),
         handed_over,
         _imagination(settings, env, robot, stream("imagination")),
         _starts(settings, env, its_ring := copy.copy(ring), layout, stream("starts")),
         rounds * settings.policy.updates,
     )
-    for module in (handed_over, learning.averaged):
-        module.share_memory()
+    if env.device.type == "cpu":
+        for module in (handed_over, learning.averaged):
+            module.share_memory()
     side = PolicySide(learning, its_ring, _comparison(settings, env, robot, its_ring, _past(layout)))
-    partner = Beside(side) if settings.processes == 2 else InTurn(side)
+    partner = Beside(side) if settings.processes == 2 and env.device.type == "cpu" else InTurn(side)
     actor = ActorNetwork(learning.averaged, joints, (0.1, 0.01, 1.0), CarryingTargets(layout, ACTION_SCALE))
     fitting = ModelFitting(model, settings.fitting, ring, stream("fitting"))
     return WorldModelLearner(
@@ -87,8 +90,8 @@ def _starts(
 
 
 def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ring: Ring, past: int) -> Comparison:
-    generator, table = torch.Generator(), env.command.table
-    noise = torch.tensor(settings.collect.noise_rad)[torch.arange(env.num_envs) % len(settings.collect.noise_rad)]
+    generator, table = torch.Generator("cpu"), env.command.table
+    noise = by_robot(settings.collect.noise_rad, env)
     return Comparison(
         ring=ring,
         imagination=_imagination(settings, env, robot, generator),
@@ -107,10 +110,15 @@ def _past(layout: Layout) -> int:
 
 
 def _critic(
-    settings: WorldModelSettings, joints: int, extras: int, precision: str, generator: torch.Generator
+    settings: WorldModelSettings,
+    joints: int,
+    extras: int,
+    precision: str,
+    generator: torch.Generator,
+    device: torch.device,
 ) -> Critic:
     s, policy = settings.critic, settings.policy
     network = Network(
         critic_size(joints), extras, s.hidden, 1, generator=generator, precision=precision, output_gain=0.1
-    )
+    ).to(device)
     return Critic(network, s, policy.gamma, policy.lost_cost / (1.0 - policy.gamma), generator)

@@ -93,7 +93,7 @@ class Comparison:
         # An episode that ends neither with its clip nor by its age is lost.
         room = (first.tick + steps < self.table.num_ticks[first.clip]) & (first.age + steps < self.longest_episode)
         times, robots = times[:, room], robots[room]
-        now, ahead = self.ring.at(times, robots), torch.arange(steps + 1)[:, None]
+        now, ahead = self.ring.at(times, robots), torch.arange(steps + 1, device=self.ring.device)[:, None]
         going_on = (now.age == now.age[:1] + ahead).float().cumprod(dim=0)
         exact = self.starts.of(times[0], robots)
         start = self.starts.anchored(exact)

@@ -23,6 +23,7 @@ class Imagined:
     Attributes:
         motion, reference: (H, B, ·).
         points_m, reference_points_m: (H/2, B, P, 3) tracked points of every second step, world frame.
+        feet: which of the P are feet.
         torque_share: (H, B, J) of each motor's limit, as asked for at the beginning of the step.
         wish_change: (H, B, J) from the wish of the step before, in scales.
     """
@@ -31,6 +32,7 @@ class Imagined:
     reference: Motion
     points_m: Tensor
     reference_points_m: Tensor
+    feet: list[int]
     torque_share: Tensor
     wish_change: Tensor
 
@@ -50,6 +52,17 @@ def points(s: Imagined) -> Tensor:
 def place(s: Imagined) -> Tensor:
     """Distance of the pelvis, per 0.3 m."""
     return _smooth((s.motion.pos_w - s.reference.pos_w).square().sum(dim=-1), 0.03) / 0.3
+
+
+@COSTS
+def feet(s: Imagined) -> Tensor:
+    """How far each foot has come since the rollout began, beside its reference, per 0.1 m.
+
+    No robot can see how far off it is; it can keep from drifting.
+    """
+    points, wanted = (values[..., s.feet, :] for values in (s.points_m, s.reference_points_m))
+    off = (points - points[:1]) - (wanted - wanted[:1])
+    return _smooth(off.square().sum(dim=-1), 0.01).mean(dim=-1).repeat_interleave(2, dim=0) / 0.1
 
 
 @COSTS

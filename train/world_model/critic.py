@@ -91,7 +91,8 @@ class Critic:
     def learn(self, rollout: Rollout, cost: Tensor) -> None:
         """Fit the network to half of the robots of a rollout with costs (H, B), by TD(λ)."""
         inputs, extras, targets, counts = self._lessons(rollout, cost.detach())
-        order = torch.randperm(len(targets), generator=self._generator)
+        order = torch.randperm(len(targets), generator=self._generator, device=self._generator.device)
+        order = order.to(targets.device)
         batch = min(self._settings.batch, len(targets))
         for first in range(0, len(targets) - batch + 1, batch):
             chosen = order[first : first + batch]

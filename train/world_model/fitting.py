@@ -36,8 +36,9 @@ class ModelFitting:
             model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
         )
         self._joints, self.normalized, self.skipped = len(model.kp_share), False, 0
-        self._units = torch.cat([torch.full((n,), u) for n, u in zip(self._sizes(), UNITS, strict=True)])
-        self._weights = torch.cat([torch.full((n,), w / n) for n, w in zip(self._sizes(), WEIGHTS, strict=True)])
+        sizes = torch.tensor(self._sizes(), device=ring.device)
+        self._units = torch.tensor(UNITS, device=ring.device).repeat_interleave(sizes)
+        self._weights = (torch.tensor(WEIGHTS, device=ring.device) / sizes).repeat_interleave(sizes)
 
     def _sizes(self) -> list[int]:
         return [3, 3, 3, 3, self._joints, self._joints]

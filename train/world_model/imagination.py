@@ -79,23 +79,25 @@ class Imagination:
         self._ticks = {terms: window_ticks([ObservationGroup("of", terms)]) for terms in (self._compared, self._ahead)}
         dims, joints = term_dims(robot.num_joints), robot.num_joints
         half = [np.full(entry_size(e, dims), noise.get(e.term, 0.0) * e.scale) for e in self._measured]
-        self._noise = torch.tensor(np.concatenate(half)).float()
-        self._default = torch.tensor(robot.default_pos_rad).float()
+        self._device = device = table.num_ticks.device
+        self._noise = torch.tensor(np.concatenate(half), device=device).float()
+        self._default = torch.tensor(robot.default_pos_rad, device=device).float()
         self._action_scale, self._joints, self.horizon = action_scale, joints, settings.horizon
         self._control_period_s = control_period_s
+        self._feet = robot.tracked_index(robot.feet).tolist()
         self._kp_share, self._kd_share = (
-            torch.tensor(gain / robot.torque_limit_nm).float() for gain in (robot.kp, robot.kd)
+            torch.tensor(gain / robot.torque_limit_nm, device=device).float() for gain in (robot.kp, robot.kd)
         )
 
     def play(self, policy: BoundedResidual, model: WorldModel, start: Start, *, noisy: bool) -> Rollout:
         """Both networks are prepared. ``noisy``: whether half of the robots act with noise."""
-        steps = self.horizon
-        clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1)[:, None]
+        steps, on = self.horizon, self._device
+        clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1, device=on)[:, None]
         ahead = self._look_ahead(clip, tick, start.goal)
         encoded_ahead = policy.network.encode(ahead[:-1].flatten(0, 1)).unflatten(0, ahead[:-1].shape[:2]).unbind(0)
         carrying = ((ahead[..., self._base[0]] + ahead[..., self._base[1]]) / self._action_scale).unbind(0)
         compared_with = self._windows(clip, tick, start.goal, self._ticks[self._compared])
-        noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros(())] * steps
+        noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros((), device=on)] * steps
         context = context_of(start.context, self._joints)
         encoded, offset = model.encode(context), context.sensing.encoder_offset_rad
         motion, history, last_action = start.motion, self._history(start, context), self._actions(start, context)[0]
@@ -202,9 +204,9 @@ class Imagination:
     def _action_noise(self, robots: int) -> list[Tensor]:
         """(N, J) for each step, on raw actions of every other robot, low-passed."""
         s, g = self._settings, self.generator
-        every_other = (torch.arange(robots) % 2)[:, None].float() / self._action_scale
-        fresh = normal((s.horizon, robots, self._joints), s.noise_rad, g, every_other.device) * every_other
-        noise, now = [], torch.zeros(robots, self._joints)
+        every_other = (torch.arange(robots, device=self._device) % 2)[:, None].float() / self._action_scale
+        fresh = normal((s.horizon, robots, self._joints), s.noise_rad, g, self._device) * every_other
+        noise, now = [], torch.zeros(robots, self._joints, device=self._device)
         for step in fresh:
             now = s.noise_memory * now + (1.0 - s.noise_memory**2) ** 0.5 * step
             noise.append(now)
@@ -224,6 +226,7 @@ class Imagination:
             reference=Motion(*(part.unflatten(0, shape) for part in reference_motion(rows))),
             points_m=points,
             reference_points_m=rows.body_pos_w.unflatten(0, shape)[1::2],
+            feet=self._feet,
             torque_share=self._kp_share * (targets - q) - self._kd_share * speed,
             wish_change=torch.cat([torch.zeros_like(wishes[:1]), wishes[1:] - wishes[:-1]]),
         )

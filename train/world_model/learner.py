@@ -1,7 +1,7 @@
 """The learner: collects with the averaged policy, fits the world model, and has the policy learn in it meanwhile."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -62,10 +62,9 @@ class WorldModelLearner:
         self.ring, self.fitting, self._actor = ring, fitting, actor
         self._acting, self._handed_over, self._partner = copy.deepcopy(actor), handed_over, partner
         self._iterations, self._generator = iterations, generator
-        stds = torch.tensor(settings.collect.noise_rad)
-        self._noise_std = stds[torch.arange(env.num_envs) % len(stds)][:, None]
-        self._noise = torch.zeros(env.num_envs, env.num_actions)
-        self._segment = torch.zeros(env.num_envs, dtype=torch.long)
+        self._noise_std = by_robot(settings.collect.noise_rad, env)[:, None]
+        self._noise = torch.zeros(env.num_envs, env.num_actions, device=env.device)
+        self._segment = torch.zeros(env.num_envs, dtype=torch.long, device=env.device)
         self._begun, self._fitted, self._in_round, self._under_way, self._updates = False, 0, 0, False, 0
         self._figures: dict[str, float] = {}
 
@@ -241,11 +240,17 @@ class WorldModelLearner:
         self.ring.load_state_dict(state["ring"])
         self._acting.load_state_dict(state["acting"])
         self._handed_over.load_state_dict(state["handed_over"])
-        self._noise, self._segment = state["noise"].clone(), state["segment"].clone()
+        for name in ("noise", "segment"):
+            getattr(self, f"_{name}").copy_(state[name])
         begun, self._fitted, self._in_round, self._updates = state["counters"]
         self._begun = bool(begun)
         self._figures = dict(state["figures"])
         self._generator.set_state(state["generator"])
+
+
+def by_robot(values: Sequence[float], env: TrackingEnv) -> Tensor:
+    """One of the values (B,) for each robot, in turn."""
+    return torch.tensor([values[robot % len(values)] for robot in range(env.num_envs)], device=env.device)
 
 
 class PolicySide:

@@ -52,10 +52,10 @@ class WorldModel(nn.Module):
         self.network = Network(
             inputs, context_size, hidden, sum(self._sizes), generator=generator, precision=precision, exact=True
         )
-        self.register_buffer("output_std", torch.ones(sum(self._sizes)))
+        self.register_buffer("output_std", torch.ones(sum(self._sizes), device="cpu"))
         limit = robot.torque_limit_nm
         for name, value in (("kp_share", robot.kp / limit), ("kd_share", robot.kd / limit), ("kp", robot.kp)):
-            self.register_buffer(name, torch.tensor(value).float(), persistent=False)
+            self.register_buffer(name, torch.tensor(value, device="cpu").float(), persistent=False)
 
     def prepare(self) -> None:
         """See :meth:`Network.prepare`."""

@@ -62,9 +62,9 @@ class Network(nn.Module):
         self.hidden = nn.ModuleList(_linear(a, b, generator) for a, b in pairwise([first, *others]))
         self.output = _linear(hidden[-1], outputs, generator, gain=output_gain)
         for name, size in (("mean", inputs), ("extra_mean", extras)):
-            self.register_buffer(name, torch.zeros(size))
+            self.register_buffer(name, torch.zeros(size, device="cpu"))
         for name, size in (("std", inputs), ("extra_std", extras)):
-            self.register_buffer(name, torch.ones(size))
+            self.register_buffer(name, torch.ones(size, device="cpu"))
         self.low_precision, self._exact = precision == "bf16", exact
         self._weights: _Weights | None = None
 

@@ -104,7 +104,8 @@ class BoundedResidual(nn.Module):
             own, ahead, hidden, robot.num_joints, generator=generator, precision=precision, output_gain=0.01
         )
         scale_rad = (TORQUE_SHARE * robot.torque_limit_nm / robot.kp).clip(*SCALE_RANGE_RAD)
-        self.register_buffer("bound", torch.tensor(REACH * scale_rad / action_scale).float(), persistent=False)
+        reach = REACH * scale_rad / action_scale
+        self.register_buffer("bound", torch.tensor(reach, device="cpu").float(), persistent=False)
 
     @property
     def output(self) -> nn.Linear:

@@ -6,6 +6,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from train.batch import Device
+from train.mdp.draws import whole
+
 MARGIN = 6  # steps before a sampled one that its history and its queue reach back to
 
 
@@ -39,13 +42,15 @@ class Ring:
         steps: T.
         num_envs: N.
         sizes: columns of state, target and context.
+        device: where it is; memory is shared on a CPU alone.
     """
 
-    def __init__(self, steps: int, num_envs: int, sizes: tuple[int, int, int]) -> None:
-        self.steps, self.num_envs = steps, num_envs
+    def __init__(self, steps: int, num_envs: int, sizes: tuple[int, int, int], device: Device) -> None:
+        self.steps, self.num_envs, self.device = steps, num_envs, torch.device(device)
 
         def shared(*shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
-            return torch.zeros(*shape, dtype=dtype).share_memory_()
+            made = torch.zeros(*shape, dtype=dtype, device=self.device)
+            return made.share_memory_() if self.device.type == "cpu" else made
 
         # Half precision holds scales and shares to 0.05 %.
         formats = (torch.float32, torch.float32, torch.float16)
@@ -66,10 +71,10 @@ class Ring:
         """
         reach = self.count - length - MARGIN
         reach = reach if newest is None else min(newest, reach)
-        back = torch.randint(length + 1, reach + length + 1, (number,), generator=generator)
-        robots = torch.randint(self.num_envs, (number,), generator=generator)
+        back = whole(length + 1, reach + length + 1, number, generator, self.device)
+        robots = whole(0, self.num_envs, number, generator, self.device)
         first = (self.next - back) % self.steps
-        return (first[None] + torch.arange(length + 1)[:, None]) % self.steps, robots
+        return (first[None] + torch.arange(length + 1, device=self.device)[:, None]) % self.steps, robots
 
     def at(self, times: Tensor, robots: Tensor) -> Steps:
         """What was known at places in time of robots; any shapes that fit each other."""

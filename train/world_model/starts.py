@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from core.rotations import quat_from_rotvec, quat_mul
-from train.mdp.draws import normal
+from train.mdp.draws import normal, one_of, rand, whole
 from train.mdp.failures import BIN_TICKS
 from train.mdp.goals import Goals, GoalSettings
 from train.mdp.tick import ReferenceTable
@@ -107,18 +107,18 @@ class Starts:
             age=changed(start.age, torch.zeros_like(tick)),
             clip=changed(start.clip, clip),
             tick=changed(start.tick, tick),
-            goal=changed(start.goal, self._goals.draw(number)),
+            goal=changed(start.goal, self._goals.draw(number).to(start.goal.device)),
         )
 
     def _frames(self, number: int, hard: Tensor) -> tuple[Tensor, Tensor]:
         """Clips and ticks (n,): half by ``hard``, half from anywhere in the set."""
         g, num_ticks = self.generator, self._table.num_ticks
         failing = number // 2
-        chosen = torch.multinomial(hard.flatten(), failing, replacement=True, generator=g)
-        inside = torch.randint(BIN_TICKS, (failing,), generator=g)
+        chosen = one_of(hard.flatten(), failing, g)
+        inside = whole(0, BIN_TICKS, failing, g, hard.device)
         clip, tick = chosen // hard.shape[1], (chosen % hard.shape[1]) * BIN_TICKS + inside
-        anywhere = torch.multinomial(num_ticks.float(), number - failing, replacement=True, generator=g)
-        at = (torch.rand(number - failing, generator=g) * num_ticks[anywhere]).long()
+        anywhere = one_of(num_ticks.float(), number - failing, g)
+        at = (rand((number - failing,), g, hard.device) * num_ticks[anywhere]).long()
         clip, tick = torch.cat([clip, anywhere]), torch.cat([tick, at])
         return clip, torch.minimum(tick, num_ticks[clip] - 1)
 
@@ -126,9 +126,11 @@ class Starts:
         def off(values: Tensor, std: float) -> Tensor:
             return values + normal(values.shape, std, self.generator, values.device)
 
-        place = normal(frames.pos_w.shape, 1.0, self.generator, frames.pos_w.device) * torch.tensor(PLACE_NOISE_M)
+        device = frames.pos_w.device
+        spread_m = torch.tensor(PLACE_NOISE_M, device=device)
+        place = normal(frames.pos_w.shape, 1.0, self.generator, device) * spread_m
         place[:, 2] += lift_m
-        tilt = quat_from_rotvec(normal(frames.pos_w.shape, NOISE["tilt"], self.generator, frames.pos_w.device))
+        tilt = quat_from_rotvec(normal(frames.pos_w.shape, NOISE["tilt"], self.generator, device))
         return Motion(
             frames.pos_w + place,
             quat_mul(frames.quat_wxyz, tilt),

@@ -29,7 +29,7 @@ def small(*overrides: str):
     clip = open_motion("side_kick", robot)
     env = build_environment(
         config.environment, robot, build_reference(clip, robot, CONTROL_PERIOD_S), num_envs=config.num_envs,
-        seed=config.seed, threads=1,
+        seed=config.seed, threads=1, device=config.device,
     )  # fmt: skip
     return env, build_world_model_learner(config, env, robot)
 

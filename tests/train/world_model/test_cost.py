@@ -15,6 +15,7 @@ from train.world_model.settings import CriticSettings
 from train.world_model.state import Motion
 
 JOINTS, POINTS, STEPS, ROBOTS = 2, 3, 4, 2
+FEET = [1, 2]
 TURN = [math.cos(0.1) - 1.0, 0.0, 0.0, math.sin(0.1)]  # what 0.2 rad about z adds to no turn
 
 
@@ -26,7 +27,7 @@ def still(steps=STEPS, robots=ROBOTS):
     motion = Motion(pos, upright, lin, ang, joints, speeds)
     points = torch.zeros(steps // 2, robots, POINTS, 3)
     wanting = torch.zeros(steps, robots, JOINTS)
-    return Imagined(motion, motion, points, points, wanting, wanting)
+    return Imagined(motion, motion, points, points, FEET, wanting, wanting)
 
 
 def off(**parts):
@@ -69,6 +70,17 @@ def test_points_count_relative_to_the_pelvis_and_stand_for_two_steps():
     cost = COSTS["points"](replace(still(), points_m=points))
     value = smooth(0.3, 0.02) / POINTS / 0.1
     assert cost.flatten().tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, value, 0.0, value, 0.0], abs=1e-6)
+
+
+def test_feet_count_by_how_far_they_drift_and_not_by_where_they_began():
+    points = torch.zeros(STEPS // 2, ROBOTS, POINTS, 3) + torch.tensor([5.0, 5.0, 5.0])
+    points[1, 0, 0] += 1.0  # no foot
+    points[1, 1, FEET[0]] += torch.tensor([0.03, 0.04, 0.0])
+    wanted = torch.zeros_like(points)
+    wanted[1, 1, FEET[1], 2] = -0.12
+    cost = COSTS["feet"](replace(still(), points_m=points, reference_points_m=wanted))
+    value = (smooth(0.05, 0.01) + smooth(0.12, 0.01)) / 2 / 0.1
+    assert cost.flatten().tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, value, 0.0, value], abs=1e-5)
 
 
 def test_weights_and_the_bound_on_a_step():
