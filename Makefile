@@ -21,7 +21,7 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 
 # What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 test: install lint  ## linters, types, import rules, tests
-	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m "not real_time"
+	$(RUN) pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
 	$(RUN) pytest -rRs -m real_time tests/hal tests/deploy
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine

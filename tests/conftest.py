@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from core.processes import available_cores
 from hal.host_watch import HostWatch
 
 TRIES = 5
@@ -20,6 +21,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="every trial on every wire, with strict bounds: 15 minutes on a quiet machine",
     )
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than cores: tests of processes and of the wall clock wait for most of their time."""
+    return available_cores() + 1
 
 
 class TryAgain:

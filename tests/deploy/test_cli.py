@@ -16,8 +16,6 @@ from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, write_linear_actor, write_standing_actor
 
-pytestmark = pytest.mark.real_time
-
 RUN = Path(__file__).resolve().parents[2] / "deploy" / "run"
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1"}
 
@@ -104,6 +102,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_others(actors, tmp_pat
     assert metrics[0] == metrics[1] != metrics[2]
 
 
+@pytest.mark.real_time
 def test_dry_run_stops_after_preflight(actors):
     done = run(actors, "--backend", "mock", "--dry-run")
     assert done.returncode == 0 and state_lines(done.stdout) == [] and "joint names" in done.stdout
@@ -187,6 +186,7 @@ def ignore_signals():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     ("number", "state"), [(signal.SIGINT, "STAND_UP"), (signal.SIGTERM, "TRACKING")], ids=lambda value: str(value)
 )

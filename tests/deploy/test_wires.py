@@ -29,8 +29,6 @@ from tests.deploy.toys import write_standing_actor
 from tests.hal.wire.fake import KNEE_SERIAL, read_journal
 from tests.hal.wire.test_process import wait_until
 
-pytestmark = pytest.mark.real_time
-
 
 def patient_settings():
     """The defaults, but a machine that pauses for a second trips nothing: what trips is tests/hal/conformance's."""

@@ -18,8 +18,6 @@ from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, Asked, SpokenAtOnce, li
 from tests.hal.conformance.rigs import ready
 from tests.hal.wire.fake import FakeFactory
 
-pytestmark = pytest.mark.real_time
-
 SICK = state(faults=("overload",))
 DAMPED = SimpleNamespace(control_period_s=PERIOD_S, undamped=lambda: ())
 

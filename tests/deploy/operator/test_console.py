@@ -10,8 +10,6 @@ from deploy.control.timing import PhaseTimer
 from deploy.operator.console import Console
 from tests.deploy.toys import SpokenAtOnce
 
-pytestmark = pytest.mark.real_time
-
 JOINTS = ("hip", "knee", "ankle", "waist", "elbow")
 
 

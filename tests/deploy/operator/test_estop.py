@@ -18,8 +18,6 @@ from deploy.operator.estop import EStop
 from deploy.settings import EStopSettings
 from tests.deploy.toys import write_linear_actor
 
-pytestmark = pytest.mark.real_time
-
 PIN = "gpio"
 
 

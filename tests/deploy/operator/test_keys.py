@@ -17,8 +17,6 @@ from deploy.operator.keyboard import Keyboard
 from deploy.operator.keys import KEYS, StopSignals
 from deploy.operator.takeover import Consent
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.fixture
 def pipe():

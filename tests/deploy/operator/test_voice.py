@@ -10,8 +10,6 @@ import pytest
 from deploy.operator.voice import LINES, Voice
 from deploy.record.observers import Observers
 
-pytestmark = pytest.mark.real_time
-
 
 def test_lines_in_order_on_both_outputs(capsys):
     voice = Voice()

@@ -25,8 +25,6 @@ from deploy.safety.guard import Guard
 from tests.deploy.test_cli import ENVIRONMENT, RUN, wait_for
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
-pytestmark = pytest.mark.real_time
-
 RING = replace(SETTINGS.record, last_s=1.0, incidents_kept=3)
 
 

@@ -18,8 +18,6 @@ from deploy.record.status_server import StatusServer
 from deploy.safety.guard import Guard
 from tests.deploy.toys import KNEE, PERIOD_S, ROBOT, SETTINGS, state, with_joint
 
-pytestmark = pytest.mark.real_time
-
 
 def shown(reading, statistics=None):
     tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
