@@ -5,8 +5,6 @@ import sys
 import threading
 import time
 
-import pytest
-
 from deploy.operator.voice import LINES, Voice
 from deploy.record.observers import Observers
 
