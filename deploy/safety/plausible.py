@@ -78,7 +78,7 @@ class Plausibility(TripRule):
     def __init__(self, robot: Robot, settings: PlausibilitySettings, period_s: float, ticks: int) -> None:
         self.ticks = ticks
         self._joints = JointGate(robot, settings, period_s)
-        self._imu = ImuGate(settings.base_rad_s, settings.base_mismatch_rad_s, period_s)
+        self._imu = ImuGate(settings.base_rad_s, settings.base_quiet_rad_s, settings.base_mismatch_rad_s, period_s)
 
     @property
     def suspect(self) -> np.ndarray:

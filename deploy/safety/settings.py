@@ -81,13 +81,15 @@ class TorqueSaturationSettings(Checked):
 class PlausibilitySettings(Checked):
     """The fastest that is believed, and how far speed and change of position may differ.
 
-    speed, mismatch: of a joint, as shares of its speed limit. base_rad_s, base_mismatch_rad_s: of the base, by the IMU.
+    speed, mismatch: of a joint, as shares of its speed limit. base_rad_s, base_mismatch_rad_s: of the base, by the IMU;
+    base_quiet_rad_s: likewise of an IMU without noise.
     What moves may differ by half its speed more: what it hits stops it at any time between two samples.
     """
 
     speed: float
     mismatch: float
     base_rad_s: float
+    base_quiet_rad_s: float
     base_mismatch_rad_s: float
     for_s: float
 

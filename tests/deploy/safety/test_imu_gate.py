@@ -83,16 +83,39 @@ MOVES = {
 }
 
 
+@pytest.mark.parametrize("quiet", [0, 40], ids=["at the start", "once its noise is known"])
 @pytest.mark.parametrize("stopped_after", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("rates", MOVES.values(), ids=MOVES)
-def test_what_a_base_can_do_is_believed(rates, stopped_after):
+def test_what_a_base_can_do_is_believed(rates, stopped_after, quiet):
     """Each change comes somewhere between two samples: the turn is not what the mean of both rates says."""
     guard, angle_rad = Guard(ROBOT, SETTINGS, PERIOD_S), 0.0
+    rates = [*[rates[0]] * quiet, *rates]
     for tick, rate in enumerate(rates):
         if tick:
             angle_rad += (stopped_after * rates[tick - 1] + (1.0 - stopped_after) * rate) * PERIOD_S
         reading = said(tick, tilted(angle_rad), np.array([0.0, rate, 0.0]))
         assert guard.believed(reading) is reading, tick
+
+
+def jittering(guard, half_width_rad, ticks, rng):
+    """A base at rest whose IMU is off by uniform noise about one axis; what the guard did not believe, by tick."""
+    refused = []
+    for tick in range(ticks):
+        reading = said(tick, tilted(rng.uniform(-half_width_rad, half_width_rad)), NO_RATE)
+        if guard.believed(reading) is not reading:
+            refused.append(tick)
+    return refused
+
+
+def test_a_small_jump_of_a_quiet_imu_is_refused_and_the_noise_of_another_believed():
+    """0.2 rad: of a quiet IMU no turn leads there; of one that is off by 0.15 rad all the time, its noise does."""
+    rng = np.random.default_rng(0)
+    quiet, noisy = (Guard(ROBOT, SETTINGS, PERIOD_S) for _ in range(2))
+    assert jittering(quiet, 0.002, 60, rng) == [] and jittering(noisy, 0.15, 400, rng) == []
+    jump = said(60, tilted(0.2), NO_RATE)
+    assert quiet.believed(jump) is not jump
+    jump = said(400, tilted(0.2), NO_RATE)
+    assert noisy.believed(jump) is jump
 
 
 def test_an_imu_that_says_the_same_twice_or_comes_late_is_believed():

@@ -20,8 +20,6 @@ from hal.wire.backend import WireBackend
 from tests.hal.dds.host import LIMIT_S, Host, driver_for, wait
 from tests.hal.rigs import G1
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulator]:
