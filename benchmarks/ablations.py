@@ -15,13 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-try:
-    from core.processes import available_cores
-    from train.folder import ACTOR_FILE, FEASIBLE_FILE, SUMMARY_FILE
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.processes import available_cores
+from train.folder import ACTOR_FILE, FEASIBLE_FILE, SUMMARY_FILE
 
 ROOT = Path(__file__).resolve().parents[1]
 PBHC_TERMS = tuple(

@@ -7,34 +7,28 @@ point further than 0.6 m from the reference) that a robot meets on the length of
 e.g. prior.aim=reference.
 """
 
-import argparse
 import sys
+from argparse import RawDescriptionHelpFormatter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-try:
-    from core.launcher import ends_at_once
+import numpy as np
+import torch
 
-    with ends_at_once():
-        import numpy as np
-        import torch
-
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-        from motion.library import open_motion
-        from motion.reference import build_reference
-        from robot.robot import load_robot
-        from train.config import TrainConfig, check, compose_document
-        from train.mdp.factory import build_environment
-        from train.mdp.settings import CurriculumSettings
-        from train.mdp.tracking import CONTROL_PERIOD_S
-        from train.priors.build import prior_of
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.errors import InputError
+from core.files import check_output_file, write_json
+from motion.library import open_motion
+from motion.reference import build_reference
+from robot.robot import load_robot
+from train.config import TrainConfig, check, compose_document
+from train.mdp.factory import build_environment
+from train.mdp.settings import CurriculumSettings
+from train.mdp.tracking import CONTROL_PERIOD_S
+from train.priors.build import prior_of
 
 ERROR_LIMIT_M = 0.6
 FITTED_ON = 512  # robots, as many as a training has
@@ -73,33 +67,25 @@ def measure(config: TrainConfig, randomization: float, steps: int) -> dict[str, 
     return {"failures_per_clip": per_clip, **{name: float(np.mean(values)) for name, values in errors.items()}}
 
 
+@guarded
 def main(arguments: list[str]) -> int:
     """Measure; print the figures and, on request, write them as JSON. Returns the exit code."""
-    description, _, definitions = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
-        description=description, epilog=definitions, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--randomization", type=float, default=1.0, metavar="SCALE", help="0 to 1, sensor noise too")
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--json", type=Path, metavar="F")
     parser.add_argument("keys", nargs="+", metavar="KEY=VALUE", help="motion=NAME|FILE and anything of train/run.py")
     options = parser.parse_intermixed_args(arguments)
-    try:
-        if not 0.0 <= options.randomization <= 1.0:
-            raise InputError("out of range", where="--randomization", got=options.randomization, expected="0 to 1")
-        if options.steps < 1:
-            raise InputError("out of range", where="--steps", got=options.steps, expected="1 or more")
-        check_output_file("--json", options.json)
-        figures = measure(check(compose_document(["num_envs=64", *options.keys])), options.randomization, options.steps)
-        for name, value in figures.items():
-            print(f"{name:20}{value:10.2f}")
-        if options.json:
-            write_json(options.json, figures)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped before the end: no figures", file=sys.stderr)
+    if not 0.0 <= options.randomization <= 1.0:
+        raise InputError("out of range", where="--randomization", got=options.randomization, expected="0 to 1")
+    if options.steps < 1:
+        raise InputError("out of range", where="--steps", got=options.steps, expected="1 or more")
+    check_output_file("--json", options.json)
+    figures = measure(check(compose_document(["num_envs=64", *options.keys])), options.randomization, options.steps)
+    for name, value in figures.items():
+        print(f"{name:20}{value:10.2f}")
+    if options.json:
+        write_json(options.json, figures)
     return 0
 
 

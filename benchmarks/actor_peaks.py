@@ -8,37 +8,33 @@ A tripped episode is played again without rules on the body: where the pelvis ne
 false.
 """
 
-import argparse
 import dataclasses
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-try:
-    import numpy as np
+import numpy as np
 
-    from core.files import write_json
-    from deploy.actors import load_run, load_runs
-    from deploy.control.states import RESTING
-    from deploy.control.tick import TickResult
-    from deploy.control.timing import PhaseTimer
-    from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
-    from deploy.safety.body import lean_away_rad, speed_away_rad_s, turn_away_rad_s
-    from deploy.safety.rules import make_sample
-    from deploy.safety.trips import ticks_of
-    from deploy.settings import DeploySettings, load_settings
-    from hal.contract.types import RobotState
-    from hal.simulated.mujoco import MujocoBackend
-    from motion.clip_set import NamedClip, open_clips
-    from policy.actor import bundled_actors, resolve_actor
-    from policy.metadata import read_metadata
-    from robot.robot import Robot, load_robot
-    from world.options import load_sim_options
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.files import check_output_file, write_json
+from deploy.actors import load_run, load_runs
+from deploy.control.states import RESTING
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
+from deploy.safety.body import lean_away_rad, speed_away_rad_s, turn_away_rad_s
+from deploy.safety.rules import make_sample
+from deploy.safety.trips import ticks_of
+from deploy.settings import DeploySettings, load_settings
+from hal.contract.types import RobotState
+from hal.simulated.mujoco import MujocoBackend
+from motion.clip_set import NamedClip, open_clips
+from policy.actor import bundled_actors, resolve_actor
+from policy.metadata import read_metadata
+from robot.robot import Robot, load_robot
+from world.options import load_sim_options
 
 FALLEN_M = 0.45
 NEVER = 1e9
@@ -145,9 +141,10 @@ def _play_all(rig: EpisodeRig, episodes: int, start: Start, row: Row) -> None:
             row.false.append(f"{rig.actor.name}, episode {episode}: {result.fault}")
 
 
+@guarded
 def main() -> int:
     """0: no trip was false, 1: one was."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument(
         "--actor", action="append", choices=bundled_actors(), help="default: those that carry their clip"
     )
@@ -160,6 +157,7 @@ def main() -> int:
     parser.add_argument("--nominal", type=int, default=3, help="nominal ones (default: %(default)s)")
     parser.add_argument("--json", type=Path, help="where the rows go")
     given = parser.parse_args()
+    check_output_file("--json", given.json)
     rows: list[dict[str, object]] = []
     clips = open_clips(given.motion or (), load_robot())
     with_clips = [name for name in bundled_actors() if read_metadata(resolve_actor(name)).spec.motion is not None]

@@ -1,7 +1,6 @@
 #!/usr/bin/env -S python3 -P
 """Minutes of balancing over emulated CAN buses at the configured rate, with one core kept busy by something else."""
 
-import argparse
 import json
 import multiprocessing
 import subprocess
@@ -10,8 +9,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from omegaconf import OmegaConf
+
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.files import check_output_file, write_json
+
 ROOT = Path(__file__).resolve().parents[1]
-NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
 
 
 def keep_busy() -> None:
@@ -22,8 +26,6 @@ def keep_busy() -> None:
 
 def settings_that_hold(seconds: float, folder: Path) -> Path:
     """The default thresholds, with a HOLD of this long after the clip."""
-    from omegaconf import OmegaConf
-
     settings = OmegaConf.load(ROOT / "configs" / "deploy" / "default.yaml")
     settings.sequence.hold_s = seconds
     path = folder / "hold.yaml"
@@ -64,23 +66,14 @@ def lines(result: dict[str, Any]) -> list[str]:
     return [*rows, f"motors that did not hear of damping at the end: {', '.join(judged['driven']) or 'none'}"]
 
 
+@guarded
 def main() -> int:
     """Print the outcome and, on request, write it as JSON. Returns 0 only if nothing was lost."""
-    try:
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-    except ModuleNotFoundError as error:
-        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
-        return 2
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M")
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args()
-    try:
-        check_output_file("--json", options.json)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    check_output_file("--json", options.json)
     with tempfile.TemporaryDirectory() as folder:
         result = soak(60.0 * options.minutes, Path(folder))
     print(*lines(result), sep="\n")

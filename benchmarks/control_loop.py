@@ -5,7 +5,6 @@ Wires run against their emulators. Each run starts from another noisy pose; a ta
 A run that did not complete while the machine's host paused is tried again, and that is said.
 """
 
-import argparse
 import contextlib
 import functools
 import json
@@ -17,13 +16,18 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from hal.host_watch import HostWatch
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.config import config_file
+from core.files import check_output_file, write_json
+from hal.can.bus_load import bus_loads
+from hal.can.robot_file import load_robot_file
+from hal.dynamixel.robot_file import load_dynamixel, port_load
+from hal.host_watch import HostWatch
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
 SIMULATED, WIRES = ("mock", "mujoco"), ("dds", "can", "dynamixel")
 TIMES = ("late_ms", "tick_ms", "state_age_ms")
 TRACKING = ("empbpe_mm", "empjpe_mrad")
@@ -45,7 +49,7 @@ def run(backend: str, actor: Sequence[str], noise_rad: float, seed: int, folder:
 
 
 def run_undisturbed(
-    host: "HostWatch", backend: str, actor: Sequence[str], noise_rad: float, seed: int, folder: Path
+    host: HostWatch, backend: str, actor: Sequence[str], noise_rad: float, seed: int, folder: Path
 ) -> Result | None:
     """The first run that completed, or failed while the machine's host did not pause; the last of five otherwise."""
     for _ in range(TRIES):
@@ -119,11 +123,6 @@ def bus_rows(backend: str, results: Sequence[Result], ceilings: dict[str, float]
 
 def ceilings_hz(backend: str) -> dict[str, float]:
     """Rounds a second that each bus or port of the bundled configuration could carry, back to back."""
-    from core.config import config_file
-    from hal.can.bus_load import bus_loads
-    from hal.can.robot_file import load_robot_file
-    from hal.dynamixel.robot_file import load_dynamixel, port_load
-
     if backend == "can":
         return {load.bus: load.ceiling_hz for load in bus_loads(load_robot_file(config_file("hal", "can_g1")))}
     if backend == "dynamixel":
@@ -132,16 +131,10 @@ def ceilings_hz(backend: str) -> dict[str, float]:
     return {}
 
 
+@guarded
 def main() -> int:
     """Print the tables and, on request, write every result as JSON. Returns 0 only if every run completed."""
-    try:
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-        from hal.host_watch import HostWatch
-    except ModuleNotFoundError as error:
-        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
-        return 2
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--policy", default="taichi", metavar="NAME|FILE")
     parser.add_argument("--motion", metavar="FILE", help="for an actor that carries none")
     parser.add_argument("--backend", action="append", choices=(*SIMULATED, *WIRES), help="repeatable; all of them")
@@ -149,11 +142,7 @@ def main() -> int:
     parser.add_argument("--start-noise", type=float, default=0.02, metavar="RAD", help="std added to each joint")
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args()
-    try:
-        check_output_file("--json", options.json)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    check_output_file("--json", options.json)
     actor = ["--policy", options.policy, *(["--motion", options.motion] if options.motion else [])]
     results: dict[str, list[Result]] = {}
     print(f"{'backend':10} {'worst of runs':13}{'p50':>9}{'p99':>9}{'p999':>9}{'max':>9}")

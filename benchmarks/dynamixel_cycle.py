@@ -1,7 +1,6 @@
 #!/usr/bin/env -S python3 -P
 """Rounds of a Dynamixel port by kata's own codec and by dynamixel-sdk, on a pseudo-terminal paced as a wire."""
 
-import argparse
 import multiprocessing
 import os
 import sys
@@ -12,7 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
+from dynamixel_sdk import GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.files import check_output_file, write_json
+from hal.dynamixel import protocol2 as p2
+from hal.dynamixel.port import ServoPort
+from hal.dynamixel.questions import StateQuestions
+
 BYTES, ADDRESS = 23, 124
 GOAL_ADDRESS, GOAL_BYTES = 116, 4
 BITS_PER_BYTE = 10
@@ -21,8 +28,6 @@ Round = Callable[[], int]
 
 def serve(master: int, servos: int, baud: int, silent: int) -> None:
     """Answer sync reads as servos with ids from 1 would, when their bytes have had their time; for ever."""
-    from hal.dynamixel import protocol2 as p2
-
     parser = p2.PacketParser()
     data = bytes(range(64))
     while True:
@@ -38,10 +43,6 @@ def serve(master: int, servos: int, baud: int, silent: int) -> None:
 
 def own_round(device: str, servos: int, baud: int, period_s: float) -> Round:
     """Sync write of goals and sync read, by hal.dynamixel. The round returns how many servos were heard."""
-    from hal.dynamixel import protocol2 as p2
-    from hal.dynamixel.port import ServoPort
-    from hal.dynamixel.questions import StateQuestions
-
     port = ServoPort(device, baud)
     port.open()
     questions, ids = StateQuestions(port, fast=False), list(range(1, servos + 1))
@@ -55,8 +56,6 @@ def own_round(device: str, servos: int, baud: int, period_s: float) -> Round:
 
 def sdk_round(device: str, servos: int, baud: int, timeout_s: float) -> Round:
     """The same by dynamixel-sdk. timeout_s: of its serial port; the library's own is 0, a busy wait."""
-    from dynamixel_sdk import GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
-
     port: Any = PortHandler(device)
     port.openPort()
     port.setBaudRate(baud)
@@ -80,7 +79,6 @@ def sdk_round(device: str, servos: int, baud: int, timeout_s: float) -> Round:
 
 def sdk_stuffs() -> bool:
     """Whether dynamixel-sdk sends the goal -131073, whose bytes begin like a header, with the stuffing it needs."""
-    from dynamixel_sdk import PacketHandler
 
     class Tape:
         """Keeps what would be sent."""
@@ -125,25 +123,16 @@ def measure(make: Callable[[str], Round], servos: int, baud: int, silent: int, s
         os.close(slave)
 
 
+@guarded
 def main() -> int:
     """Print a table and, on request, write it as JSON. Returns the exit code."""
-    try:
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-    except ModuleNotFoundError as error:
-        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
-        return 2
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--servos", type=int, default=20, metavar="N")
     parser.add_argument("--baud", type=int, nargs="+", default=[1_000_000, 4_000_000], metavar="N")
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="for each row")
     parser.add_argument("--json", type=Path, metavar="F")
     given = parser.parse_args()
-    try:
-        check_output_file("--json", given.json)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    check_output_file("--json", given.json)
     rows = []
     print(f"{given.servos} servos, sync write of {GOAL_BYTES} bytes, sync read of {BYTES}")
     print(f"{'baud':>8} {'silent':>6}  {'by':22} {'rounds/s':>8} {'wire/s':>7} {'core %':>7} {'heard':>6}")

@@ -4,20 +4,29 @@
 A loop stands up with the bundled actor and balances, in real time. Beside it: how old its states were.
 """
 
-import argparse
 import os
 import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from deploy.control.tick import TickResult
-    from deploy.control.timing import PhaseTimer
-    from hal.contract.types import DeviceError, RobotState
+import numpy as np
 
-NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
+from core.arguments import ArgumentParser
+from core.clock import MonotonicClock
+from core.command import guarded
+from deploy.actors import load_run
+from deploy.cell import Cell
+from deploy.control.tick import TickResult
+from deploy.control.timing import PhaseTimer
+from deploy.settings import load_settings
+from hal.contract.types import DeviceError, RobotState
+from hal.emulator.launch import launch_emulator
+from hal.open import wire_config, wire_factory
+from hal.realtime import realtime
+from hal.wire.emulated import EmulatedWireBackend
+from robot.robot import load_robot
+
 WIRES = ("dds", "can", "dynamixel")
 STARTING_S = 3.0
 
@@ -38,7 +47,7 @@ class Meter:
     first: tuple[float, dict[str, float]] | None = None
     last: tuple[float, dict[str, float]] | None = None
 
-    def __call__(self, state: "RobotState | DeviceError | None", result: "TickResult", timer: "PhaseTimer") -> None:
+    def __call__(self, state: RobotState | DeviceError | None, result: TickResult, timer: PhaseTimer) -> None:
         """One tick."""
         if (now_s := time.monotonic()) < self.began_s + STARTING_S:
             return
@@ -56,16 +65,6 @@ class Meter:
 
 def measure(wire: str, seconds: float) -> Meter:
     """One run of `seconds` after the start."""
-    from core.clock import MonotonicClock
-    from deploy.actors import load_run
-    from deploy.cell import Cell
-    from deploy.settings import load_settings
-    from hal.emulator.launch import launch_emulator
-    from hal.open import wire_config, wire_factory
-    from hal.realtime import realtime
-    from hal.wire.emulated import EmulatedWireBackend
-    from robot.robot import load_robot
-
     robot, settings, clock = load_robot("g1_23dof"), load_settings(), MonotonicClock()
     stand = load_run("stand", None, robot, settings.entry)
     cell = Cell(robot, settings, [stand], stand)
@@ -82,14 +81,10 @@ def measure(wire: str, seconds: float) -> Meter:
     return meter
 
 
+@guarded
 def main() -> int:
     """Print a line for each wire."""
-    try:
-        import numpy as np
-    except ModuleNotFoundError as error:
-        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
-        return 2
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--backend", action="append", choices=WIRES, help="repeatable; all of them")
     parser.add_argument("--seconds", type=float, default=8.0, help="measured, after the start")
     options = parser.parse_args()

@@ -18,15 +18,24 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from deploy.control.states import Request
-    from hal.emulator.launch import Emulator
-    from hal.host_watch import HostWatch
+from core.arguments import ArgumentParser
+from core.clock import MonotonicClock
+from core.command import guarded
+from core.files import check_output_file, write_json
+from deploy.actors import load_run
+from deploy.cell import Cell
+from deploy.control.states import Request
+from deploy.operator.console import Console
+from deploy.operator.voice import Voice
+from deploy.settings import load_settings
+from hal.emulator.launch import Emulator, launch_emulator
+from hal.host_watch import HostWatch
+from hal.open import open_backend, wire_config
+from hal.realtime import realtime
+from robot.robot import load_robot
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_INSTALLED = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
 WIRES = ("dds", "can", "dynamixel")
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}
 STRUCK = {"loop": ("loop",), "wire": ("wire",), "both": ("loop", "wire")}
@@ -50,10 +59,8 @@ END_S = 15.0
 class Words:
     """Requests that the trial writes to standard input, one a line."""
 
-    def poll(self) -> Sequence["Request"]:
+    def poll(self) -> Sequence[Request]:
         """See RequestSource."""
-        from deploy.control.states import Request
-
         os.set_blocking(0, False)
         with contextlib.suppress(BlockingIOError):
             return [Request(word) for word in os.read(0, 1024).decode().split()]
@@ -62,16 +69,6 @@ class Words:
 
 def loop(wire: str, endpoints: Mapping[str, str]) -> None:
     """What is struck: the loop of deploy/run on an emulator that is there already."""
-    from core.clock import MonotonicClock
-    from deploy.actors import load_run
-    from deploy.cell import Cell
-    from deploy.operator.console import Console
-    from deploy.operator.voice import Voice
-    from deploy.settings import load_settings
-    from hal.open import open_backend
-    from hal.realtime import realtime
-    from robot.robot import load_robot
-
     robot, settings, clock = load_robot(), load_settings(), MonotonicClock()
     safety = settings.safety
     stale = replace(safety.stale, limit_periods=PATIENT_PERIODS, trip_periods=PATIENT_PERIODS)
@@ -87,7 +84,7 @@ def loop(wire: str, endpoints: Mapping[str, str]) -> None:
 
 
 @contextlib.contextmanager
-def started(wire: str, emulator: "Emulator") -> Iterator["subprocess.Popen[str]"]:
+def started(wire: str, emulator: Emulator) -> Iterator["subprocess.Popen[str]"]:
     """The loop's process; at the end nothing of it is left."""
     command = [sys.executable, "-P", __file__, "--loop", wire, json.dumps(emulator.endpoints)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -102,7 +99,7 @@ def started(wire: str, emulator: "Emulator") -> Iterator["subprocess.Popen[str]"
         emulator.control.reset()
 
 
-def trial(wire: str, emulator: "Emulator", number: signal.Signals, struck: Sequence[str], state: str) -> float | None:
+def trial(wire: str, emulator: Emulator, number: signal.Signals, struck: Sequence[str], state: str) -> float | None:
     """Seconds until every motor was damped for good; inf where one was not; None where the state was not reached."""
     with started(wire, emulator) as process:
         if not _reached(process, state):
@@ -147,11 +144,8 @@ def _heard(process: "subprocess.Popen[str]", line: str) -> bool:
     return any(heard.strip() == line for heard in iter(process.stdout.readline, ""))
 
 
-def trials(host: "HostWatch", wires: Sequence[str], states: Sequence[str]) -> Iterator[tuple[str, float | None]]:
+def trials(host: HostWatch, wires: Sequence[str], states: Sequence[str]) -> Iterator[tuple[str, float | None]]:
     """Every trial by its name. One that the state was not reached for, or the host paused in, is tried again."""
-    from hal.emulator.launch import launch_emulator
-    from hal.open import wire_config
-
     for wire in wires:
         with launch_emulator(wire, wire_config(wire)) as emulator:
             for (how, number), (to, struck), state in itertools.product(SIGNALS.items(), STRUCK.items(), states):
@@ -177,15 +171,10 @@ def _cell(value_s: float | None) -> str:
     return "not reached" if value_s is None else "never" if value_s == float("inf") else f"{1e3 * value_s:.0f}"
 
 
+@guarded
 def main() -> int:
     """Print the table of ms and, on request, write it as JSON. Returns 0 only if every trial is within 0.2 s."""
-    try:
-        from core.files import write_json
-        from hal.host_watch import HostWatch
-    except ModuleNotFoundError as error:
-        print(f"{NOT_INSTALLED} (no module {error.name})", file=sys.stderr)
-        return 2
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--wire", action="append", choices=WIRES, help="repeatable; all of them")
     parser.add_argument("--state", action="append", choices=tuple(STATES), help="repeatable; all of them")
     parser.add_argument("--json", type=Path, metavar="F")
@@ -194,6 +183,7 @@ def main() -> int:
     if options.loop:
         loop(options.loop[0], json.loads(options.loop[1]))
         return 0
+    check_output_file("--json", options.json)
     with contextlib.closing(HostWatch()) as host:
         found = dict(trials(host, options.wire or WIRES, options.state or tuple(STATES)))
     if not options.state:

@@ -16,22 +16,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-try:
-    import numpy as np
+import numpy as np
 
-    from core.errors import InputError
-    from core.processes import available_cores
-    from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
-    from motion.clip import ARRAY_FIELDS, Clip, save_clip
-    from motion.library import open_motion
-    from motion.pipeline import ProcessRequest, process
-    from motion.report.record import TRACKABLE
-    from robot.robot import load_robot
-    from train.folder import METRICS_FILE, SUMMARY_FILE
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.errors import InputError
+from core.processes import available_cores
+from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
+from motion.clip import ARRAY_FIELDS, Clip, save_clip
+from motion.library import open_motion
+from motion.pipeline import ProcessRequest, process
+from motion.report.record import TRACKABLE
+from robot.robot import load_robot
+from train.folder import METRICS_FILE, SUMMARY_FILE
 
 TRAIN = Path(__file__).resolve().parents[1] / "train" / "run.py"
 LAST_ITERATIONS = 20

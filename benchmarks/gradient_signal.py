@@ -9,36 +9,30 @@ Of a run with pairs (learner.exploration) "pairs" are advantages from all robots
 is of the half that is nobody's twin.
 """
 
-import argparse
 import sys
+from argparse import RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-try:
-    from core.launcher import ends_at_once
+import torch
+from torch import Tensor
 
-    with ends_at_once():
-        import torch
-        from torch import Tensor
-
-        from core.errors import InputError
-        from motion.reference import build_reference
-        from train.folder import FEASIBLE_FILE
-        from train.learner.build import build_learner, exploration_of
-        from train.learner.gae import advantages_per_head
-        from train.learner.gaussian import log_prob
-        from train.learner.ppo import Ppo
-        from train.learner.storage import Minibatch
-        from train.mdp.tracking import CONTROL_PERIOD_S
-        from train.priors.build import prior_of
-        from train.session import environment_of
-        from train.setup import Setup, resumed_setup
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.errors import InputError
+from motion.reference import build_reference
+from train.folder import FEASIBLE_FILE
+from train.learner.build import build_learner, exploration_of
+from train.learner.gae import advantages_per_head
+from train.learner.gaussian import log_prob
+from train.learner.ppo import Ppo
+from train.learner.storage import Minibatch
+from train.mdp.tracking import CONTROL_PERIOD_S
+from train.priors.build import prior_of
+from train.session import environment_of
+from train.setup import Setup, resumed_setup
 
 BATCH_STEPS = 96  # or a little more, whole horizons; Monte Carlo returns go over all of them
 MONTE_CARLO = "Monte Carlo"
@@ -125,36 +119,28 @@ class Batches:
         return total * self.scale
 
 
+@guarded
 def main(arguments: list[str]) -> int:
     """Measure and print. Returns the exit code."""
-    description, _, definitions = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
-        description=description, epilog=definitions, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a run with a checkpoint")
     parser.add_argument("--lam", type=float, nargs="+", default=[0.95, 0.85, 0.5, 0.0], metavar="λ")
     parser.add_argument("--batches", type=int, default=12, metavar="N", help=f"of {BATCH_STEPS} steps each")
     options = parser.parse_args(arguments)
-    try:
-        if not all(0.0 <= lam <= 1.0 for lam in options.lam):
-            raise InputError("out of range", where="--lam", got=options.lam, expected="0 to 1")
-        if options.batches < 2:
-            raise InputError("too few", where="--batches", got=options.batches, expected="2 or more")
-        batches = Batches(resumed_setup(options.run_dir, []))
-        seen = []
-        for number in range(options.batches):
-            seen.append(batches.gradients(options.lam))
-            print(f"batch {number + 1} of {options.batches}", file=sys.stderr, flush=True)
-        gradients = {name: torch.stack([batch[name] for batch in seen]) for name in seen[0]}
-        print(f"{'λ':14} {'signal':>8} {'aim':>8}")
-        for name in gradients:
-            signal, aim = signal_and_aim(gradients[name], gradients[MONTE_CARLO])
-            print(f"{name:14} {signal:8.3f} {aim:8.3f}")
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped before the end: no figures", file=sys.stderr)
+    if not all(0.0 <= lam <= 1.0 for lam in options.lam):
+        raise InputError("out of range", where="--lam", got=options.lam, expected="0 to 1")
+    if options.batches < 2:
+        raise InputError("too few", where="--batches", got=options.batches, expected="2 or more")
+    batches = Batches(resumed_setup(options.run_dir, []))
+    seen = []
+    for number in range(options.batches):
+        seen.append(batches.gradients(options.lam))
+        print(f"batch {number + 1} of {options.batches}", file=sys.stderr, flush=True)
+    gradients = {name: torch.stack([batch[name] for batch in seen]) for name in seen[0]}
+    print(f"{'λ':14} {'signal':>8} {'aim':>8}")
+    for name in gradients:
+        signal, aim = signal_and_aim(gradients[name], gradients[MONTE_CARLO])
+        print(f"{name:14} {signal:8.3f} {aim:8.3f}")
     return 0
 
 

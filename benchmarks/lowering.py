@@ -13,7 +13,7 @@ import numpy as np
 
 from core.arguments import ArgumentParser, path_argument, positive_count_argument
 from core.clock import SimulatedClock
-from core.errors import InputError
+from core.command import guarded
 from core.files import check_output_file, write_json
 from deploy.actors import load_run
 from deploy.cell import Cell
@@ -82,17 +82,14 @@ def put_down(seed: int, ending: Request) -> Fall:
     return fall
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a row per start. Exit code 0, or 2 on bad input."""
     parser = ArgumentParser(prog="benchmarks/lowering.py", description=__doc__, allow_abbrev=False)
     parser.add_argument("--starts", type=positive_count_argument, default=10, metavar="N")
     parser.add_argument("--json", type=path_argument, metavar="F")
-    try:
-        given = parser.parse_args(arguments)
-        check_output_file("--json", given.json)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    given = parser.parse_args(arguments)
+    check_output_file("--json", given.json)
     rows = []
     for name, ending in (("lowered", Request.FINISH), ("damped", Request.QUIT)):
         falls = [put_down(seed, ending) for seed in range(given.starts)]

@@ -5,7 +5,6 @@ Without --input: a made-up person who moves every joint at once for 30 s. "per c
 retargets that many copies at a time, in a process each, and counts the clock's time.
 """
 
-import argparse
 import os
 import sys
 import time
@@ -17,30 +16,28 @@ from pathlib import Path
 from typing import Any
 
 # One thread: the arrays are small. Before numpy is loaded.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-try:
-    import daqp
-    import numpy as np
+import daqp
+import numpy as np
 
-    from core.errors import InputError
-    from core.files import check_output_file, write_json
-    from core.rotations import quat_from_rotvec
-    from motion.contact import contact_of, staying_contact
-    from motion.human.correct import correct_height
-    from motion.human.motion import JOINTS, HumanMotion
-    from motion.human.skeleton import FEET, MEAN_SKELETON, posed, soles_w
-    from motion.read import read_motion
-    from motion.retarget import retarget as module
-    from motion.retarget.body import Body
-    from motion.retarget.settings import load_settings
-    from motion.retarget.solver import FrameSolver
-    from robot.robot import load_robot
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser, count_argument
+from core.command import guarded
+from core.errors import InputError
+from core.files import check_output_file, write_json
+from core.rotations import quat_from_rotvec
+from motion.contact import contact_of, staying_contact
+from motion.human.correct import correct_height
+from motion.human.motion import JOINTS, HumanMotion
+from motion.human.skeleton import FEET, MEAN_SKELETON, posed, soles_w
+from motion.read import read_motion
+from motion.retarget import retarget as module
+from motion.retarget.body import Body
+from motion.retarget.settings import load_settings
+from motion.retarget.solver import FrameSolver
+from robot.robot import load_robot
 
 FPS, DURATION_S = 30.0, 30.0
 SWING_RAD = 0.25
@@ -128,24 +125,19 @@ def measure(human: HumanMotion, jobs: int) -> dict[str, Any]:
     return figures
 
 
+@guarded
 def main() -> int:
     """Print the figures and, on request, write them as JSON. Returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--input", type=Path, metavar="FILE", help="a human recording: BVH or SMPL parameters")
-    parser.add_argument("--jobs", type=int, default=0, metavar="N", help="also N copies at a time")
+    parser.add_argument("--jobs", type=count_argument, default=0, metavar="N", help="also N copies at a time")
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args()
-    try:
-        check_output_file("--json", options.json)
-        human = read_motion(options.input, robot=load_robot()) if options.input else made_up_person()
-        if not isinstance(human, HumanMotion):
-            raise InputError("a robot's motion", where=options.input, expected="a human's")
-        if options.jobs < 0:
-            raise InputError("too few", where="--jobs", got=options.jobs, expected="0 or more")
-        figures = measure(human, options.jobs)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    check_output_file("--json", options.json)
+    human = read_motion(options.input, robot=load_robot()) if options.input else made_up_person()
+    if not isinstance(human, HumanMotion):
+        raise InputError("a robot's motion", where=options.input, expected="a human's")
+    figures = measure(human, options.jobs)
     print(f"{figures['frames']} frames, {figures['frames_per_s_per_core']:.0f} frames/s per core, ", end="")
     print(f"{figures['steps_per_frame']:.1f} steps a frame")
     for phase, share in figures["shares"].items():

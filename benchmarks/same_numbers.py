@@ -26,13 +26,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-try:
-    import numpy as np
-    import onnx
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+import numpy as np
+import onnx
 
 ROOT = Path(__file__).resolve().parents[1]
 GROUPS = ("evaluate", "deploy", "process", "train")

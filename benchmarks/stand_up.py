@@ -1,8 +1,8 @@
 #!/usr/bin/env -S python3 -P
 """What standing up meets: from many poses on the gantry, how far joints lag, how long it waits, and how it ends."""
 
-import argparse
 import itertools
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from core.arguments import ArgumentParser
 from core.clock import SimulatedClock
-from core.files import write_json
+from core.command import guarded
+from core.files import check_output_file, write_json
 from core.rotations import quat_from_axis_angle
 from deploy.actors import load_run
 from deploy.cell import Cell
@@ -140,12 +142,14 @@ def stand_up(robot: Robot, name: str, sim: str, sim_model: Path | None) -> dict[
     }
 
 
-def main() -> None:
+@guarded
+def main() -> int:
     """Print the table, and write it as a file of benchmarks/results."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--sim-model", type=Path, metavar="FILE", help="another MJCF besides, as in --sim reference")
     parser.add_argument("--json", type=Path, metavar="F")
     given = parser.parse_args()
+    check_output_file("--json", given.json)
     robot = load_robot()
     models: list[tuple[str, Path | None]] = [("default", None)]
     models += [] if given.sim_model is None else [("reference", given.sim_model)]
@@ -157,7 +161,8 @@ def main() -> None:
     document = {"commands": [command], "columns": COLUMNS, "rows": rows}
     if given.json is not None:
         write_json(given.json, document)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

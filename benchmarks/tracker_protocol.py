@@ -6,39 +6,32 @@ lost where the pelvis is off by more than 0.25 m of height, or gravity by more t
 BeyondMimic's six tracking rewards until then, over what a perfect robot would get for the whole clip.
 """
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-try:
-    from core.launcher import ends_at_once
+import numpy as np
+import torch
+from torch import Tensor
 
-    with ends_at_once():
-        import numpy as np
-        import torch
-        from torch import Tensor
-
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-        from core.rotations import quat_conjugate, quat_mul, quat_rotate, yaw_quat
-        from motion.clip_set import open_clips
-        from motion.reference import Reference, build_reference
-        from policy.actor import Actor, load_actor
-        from policy.spec import motion_info
-        from robot.robot import load_robot
-        from train.config import check, compose_document
-        from train.mdp.evaluator import whole_clip
-        from train.mdp.factory import build_environment
-        from train.mdp.settings import EnvironmentSettings, StartSettings, TerminationSettings
-        from train.mdp.tick import StepOutcome
-        from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.errors import InputError
+from core.files import check_output_file, write_json
+from core.rotations import quat_conjugate, quat_mul, quat_rotate, yaw_quat
+from motion.clip_set import open_clips
+from motion.reference import Reference, build_reference
+from policy.actor import Actor, load_actor
+from policy.spec import motion_info
+from robot.robot import load_robot
+from train.config import check, compose_document
+from train.mdp.evaluator import whole_clip
+from train.mdp.factory import build_environment
+from train.mdp.settings import EnvironmentSettings, StartSettings, TerminationSettings
+from train.mdp.tick import StepOutcome
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 
 ANCHOR = "torso_link"
 LOST = {"tilt_error": {"limit": 0.8}, "height_error": {"limit_m": 0.25}}
@@ -152,21 +145,17 @@ def _acting(actor: Actor) -> Callable[[Tensor], Tensor]:
     return act
 
 
+@guarded
 def main(arguments: list[str]) -> int:
     """Score; print a row a clip and the means. Returns the exit code."""
-    description, _, definitions = (__doc__ or "").partition("\n\n")
-    parser = argparse.ArgumentParser(description=description, epilog=definitions)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--policy", required=True, metavar="NAME|FILE")
     parser.add_argument("--motion", action="append", required=True, metavar="SET|FILE")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args(arguments)
-    try:
-        check_output_file("--json", options.json)
-        figures = score(options.policy, options.motion, options.threads)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    check_output_file("--json", options.json)
+    figures = score(options.policy, options.motion, options.threads)
     print(f"{'clip':32}{'return':>8}{'length':>8}{'lost':>6}")
     for name, row in figures.items():
         print(f"{name:32}{row['return']:8.3f}{row['length']:8.3f}{'yes' if row['lost'] else 'no':>6}")

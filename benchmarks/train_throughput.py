@@ -12,11 +12,11 @@ With --world-model it times rounds of the tracker's learner instead, in one proc
 own: simulated steps, updates of the world model, updates of policy and critic.
 """
 
-import argparse
 import os
 import sys
 import tempfile
 import time
+from argparse import RawDescriptionHelpFormatter
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -29,46 +29,40 @@ from typing import Any
 # As in train/run.py: before torch is loaded.
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
-try:
-    from core.launcher import ends_at_once
+import numpy as np
+import torch
+from mujoco.rollout import Rollout
 
-    with ends_at_once():
-        import numpy as np
-        import torch
-        from mujoco.rollout import Rollout
-
-        from core.errors import InputError
-        from core.files import check_output_file, write_json
-        from core.structured import at_least
-        from motion.reference import build_reference
-        from robot.kinematics import Kinematics
-        from train import interface
-        from train.config import compose_document
-        from train.hooks import Budget, Reporting, Stopping
-        from train.learner.build import build_learner
-        from train.learner.ppo import Ppo
-        from train.mdp.critic import Critic
-        from train.mdp.observations import Observations
-        from train.mdp.paired import PairedEnv
-        from train.mdp.reward_sum import RewardSum
-        from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
-        from train.nan_guard import NanGuard
-        from train.priors.build import prior_of
-        from train.progress import TrainingProgress
-        from train.runner import Runner
-        from train.session import environment_of
-        from train.setup import Setup, new_setup
-        from train.world_model import critic
-        from train.world_model.build import build_world_model_learner
-        from train.world_model.fitting import ModelFitting
-        from train.world_model.imagination import Imagination
-        from train.world_model.learner import WorldModelLearner
-        from train.world_model.policy_learning import PolicyLearning
-        from train.world_model.starts import Starts
-except ModuleNotFoundError as error:
-    hint = 'kata is not installed in this Python: run "make install", then ". .venv/bin/activate"'
-    print(f"{hint} (no module {error.name})", file=sys.stderr)
-    sys.exit(2)
+from core.arguments import ArgumentParser
+from core.command import guarded
+from core.errors import InputError
+from core.files import check_output_file, write_json
+from core.structured import at_least
+from motion.reference import build_reference
+from robot.kinematics import Kinematics
+from train import interface
+from train.config import compose_document
+from train.hooks import Budget, Reporting, Stopping
+from train.learner.build import build_learner
+from train.learner.ppo import Ppo
+from train.mdp.critic import Critic
+from train.mdp.observations import Observations
+from train.mdp.paired import PairedEnv
+from train.mdp.reward_sum import RewardSum
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
+from train.nan_guard import NanGuard
+from train.priors.build import prior_of
+from train.progress import TrainingProgress
+from train.runner import Runner
+from train.session import environment_of
+from train.setup import Setup, new_setup
+from train.world_model import critic
+from train.world_model.build import build_world_model_learner
+from train.world_model.fitting import ModelFitting
+from train.world_model.imagination import Imagination
+from train.world_model.learner import WorldModelLearner
+from train.world_model.policy_learning import PolicyLearning
+from train.world_model.starts import Starts
 
 BRIEF = [f"world_model.fitting.warm_up_{name}" for name in ("steps=30000", "single=20", "window=20")]
 ACTION_NOISE = 0.1  # standard deviation of the random actions, raw
@@ -321,39 +315,31 @@ def print_tables(figures: dict[str, Any]) -> None:
         print(f"{phase:18}{share:12.1%}")
 
 
+@guarded
 def main(arguments: list[str]) -> int:
     """Measure; print tables and, on request, write them as JSON. Returns the exit code."""
-    description, _, definitions = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
-        description=description, epilog=definitions, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--motion", default="taichi", metavar="NAME|FILE")
     parser.add_argument("--num-envs", type=int, metavar="N", help="instead of the preset's")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="after building and warming up")
     parser.add_argument("--world-model", type=int, metavar="ROUNDS", help="so many rounds of the tracker's learner")
     parser.add_argument("--json", type=Path, metavar="F")
     options = parser.parse_args(arguments)
-    try:
-        if not 0.0 < options.seconds < float("inf"):
-            raise InputError("not a duration", where="--seconds", got=options.seconds, expected="a number above 0")
-        check_output_file("--json", options.json)
-        wanted = [f"motion={options.motion}"]
-        wanted += [f"num_envs={options.num_envs}"] if options.num_envs is not None else []
-        if options.world_model is not None:
-            at_least("--world-model", options.world_model, 1)
-            wanted += ["train=tracker", "threads=1", "world_model.processes=1", *BRIEF]
-        with tempfile.TemporaryDirectory() as folder:
-            setup = new_setup(compose_document([*wanted, f"run_dir={folder}/run"]))
-            rounds = options.world_model
-            figures = measure(setup, options.seconds) if rounds is None else measure_rounds(setup, rounds)
-        (print_tables if rounds is None else print_rounds)(figures)
-        if options.json:
-            write_json(options.json, figures)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped before the end: no figures", file=sys.stderr)
+    if not 0.0 < options.seconds < float("inf"):
+        raise InputError("not a duration", where="--seconds", got=options.seconds, expected="a number above 0")
+    check_output_file("--json", options.json)
+    wanted = [f"motion={options.motion}"]
+    wanted += [f"num_envs={options.num_envs}"] if options.num_envs is not None else []
+    if options.world_model is not None:
+        at_least("--world-model", options.world_model, 1)
+        wanted += ["train=tracker", "threads=1", "world_model.processes=1", *BRIEF]
+    with tempfile.TemporaryDirectory() as folder:
+        setup = new_setup(compose_document([*wanted, f"run_dir={folder}/run"]))
+        rounds = options.world_model
+        figures = measure(setup, options.seconds) if rounds is None else measure_rounds(setup, rounds)
+    (print_tables if rounds is None else print_rounds)(figures)
+    if options.json:
+        write_json(options.json, figures)
     return 0
 
 

@@ -11,12 +11,11 @@ from deploy.goals.clip import ClipGoal
 from deploy.settings import ActorSettings, EntrySettings
 from motion.clip import Clip, clip_from_bytes
 from motion.clip_set import NamedClip
-from motion.feedforward import with_feedforward
 from motion.library import open_motion
 from motion.reference import Reference, build_reference, joint_columns
-from motion.steering import with_steering
+from motion.tables import with_tables
 from policy.actor import Actor, load_actor
-from policy.observation import asks_for
+from policy.observation import asks_for, reference_tables
 from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 from world.scene import Scene
@@ -62,16 +61,15 @@ def load_run(
     assert actor.spec.motion is not None, "it says which motion is inside"
     if kind != "full" and not follows_goals(actor.spec):
         raise InputError("this actor follows clips, not goals", where=actor.path, got=f"--goal {kind}", expected="full")
-    goal = ClipGoal(actor.spec.motion.name, clip, reference_for(actor, clip, robot), start_pose_rad(actor, robot), kind)
+    reference = reference_for(actor.spec, clip, robot)
+    goal = ClipGoal(actor.spec.motion.name, clip, reference, start_pose_rad(actor, robot), kind)
     return ActorRun(actor, robot, entry, goal)
 
 
-def reference_for(actor: Actor, clip: Clip, robot: Robot) -> Reference:
+def reference_for(spec: ActorSpec, clip: Clip, robot: Robot) -> Reference:
     """The clip at every control tick, with all that this actor looks at."""
-    reference = build_reference(clip, robot, actor.spec.control_period_s)
-    if asks_for(actor.spec.observations, "reference_feedforward"):
-        reference = with_feedforward(robot, reference)
-    return with_steering(reference) if follows_goals(actor.spec) else reference
+    reference = build_reference(clip, robot, spec.control_period_s)
+    return with_tables(robot, reference, reference_tables(spec.observations))
 
 
 def follows_goals(spec: ActorSpec) -> bool:

@@ -39,7 +39,8 @@ def contact_of(motion: HumanMotion | tuple[Clip, Robot], settings: ContactSettin
     clip, robot = motion
     settings = settings or read_section(ContactSettings, "contact")
     ankles_w = _bodies(clip, robot).pos_w[:, robot.tracked_index(robot.feet)]
-    return contact_mask(ankles_w, clip.fps, max_ankle_height_m(robot, settings))
+    ground_m = clip.scene.height_at(ankles_w[..., :2])
+    return contact_mask(ankles_w, clip.fps, ground_m + max_ankle_height_m(robot, settings))
 
 
 def max_ankle_height_m(robot: Robot, settings: ContactSettings) -> float:

@@ -46,8 +46,7 @@ def flat_middle_w(sole_w: np.ndarray) -> np.ndarray:
 
 def sole_height_m(robot: Robot, reference: Reference) -> np.ndarray:
     """Height (T,2,S) in m of each sole point above what lies under it in the clip's scene."""
-    points_w = sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz)
-    return points_w[..., 2] - reference.scene.height_at(points_w[..., :2])
+    return reference.scene.above(sole_points_w(robot, reference.body_pos_w, reference.body_quat_wxyz))
 
 
 def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
@@ -60,12 +59,14 @@ def ground_lift_m(robot: Robot, reference: Reference) -> np.ndarray:
     return np.where(touching, -lowest, np.maximum(0.0, -lowest))
 
 
-def contact_mask(foot_pos_w: np.ndarray, fps: float, max_height_m: float = MAX_ANKLE_HEIGHT_M) -> np.ndarray:
+def contact_mask(
+    foot_pos_w: np.ndarray, fps: float, max_height_m: float | np.ndarray = MAX_ANKLE_HEIGHT_M
+) -> np.ndarray:
     """Eq. 2: 1 where a foot's squared way over the next 1/30 s is below 0.002 m² and its ankle below 0.2 m, else 0.
 
     foot_pos_w (N,2,3) m at `fps` -> (N,2). The rule is evaluated over 1/30 s whatever the fps; the last frames, with
-    less than 1/30 s to come, take the last 1/30 s (a clip that is shorter scales its way up). `max_height_m` stands in
-    for the 0.2 m, which are for a human's ankle.
+    less than 1/30 s to come, take the last 1/30 s (a clip that is shorter scales its way up). `max_height_m`, one
+    number or (N,2), stands in for the 0.2 m, which are for a human's ankle on a floor at height 0.
     """
     num_frames = len(foot_pos_w)
     last = num_frames - 1.0

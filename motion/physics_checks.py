@@ -45,7 +45,7 @@ def check_clip(clip: Clip, robot: Robot) -> ClipReport:
     kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     soles = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
-    soles[..., 2] -= clip.scene.height_at(soles[..., :2])
+    soles[..., 2] = clip.scene.above(soles)
     distance = com_cop_distance_m(kinematics.center_of_mass_of(bodies), soles)
     slides = [slide for foot in foot_slides_m(soles, clip.contact) for slide in foot]
     standing = (clip.contact > 0.5).any(axis=1)

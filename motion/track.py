@@ -19,8 +19,9 @@ STEP_S = 1.0 / 30.0  # velocities over less say more about noise than about the 
 @dataclass(frozen=True, eq=False)
 class SupportTrack:
     """N frames at `fps`, world frame, m: com_w (N,3), root_pos_w (N,3), root_quat_wxyz (N,4), sole_w (N,2,S,3) the
-    points of left and right sole, bearing_w (N,P,3) those and whatever else may bear (knees, hands, ...), speed (N,K)
-    of `speed_names` in `speed_unit` and what each may reach, speed_limit (K,)."""
+    points of left and right sole, bearing_w (N,P,3) those and whatever else may bear (knees, hands, ...), both with
+    their heights above what lies under them; speed (N,K) of `speed_names` in `speed_unit` and what each may reach,
+    speed_limit (K,)."""
 
     fps: float
     com_w: np.ndarray
@@ -61,13 +62,16 @@ def track_clip(clip: Clip, robot: Robot, max_joint_speed_factor: float) -> Suppo
     kinematics = robot.kinematics
     bodies = kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     sole_w = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
+    bearing_w = _with(BearingShapes(robot).points_w(bodies), sole_w)
+    for points_w in (sole_w, bearing_w):
+        points_w[..., 2] = clip.scene.above(points_w)
     return SupportTrack(
         fps=clip.fps,
         com_w=kinematics.center_of_mass_of(bodies),
         root_pos_w=clip.root_pos_w,
         root_quat_wxyz=clip.root_quat_wxyz,
         sole_w=sole_w,
-        bearing_w=_with(BearingShapes(robot).points_w(bodies), sole_w),
+        bearing_w=bearing_w,
         speed=np.abs(difference(joint_pos, clip.fps, STEP_S)),
         speed_limit=robot.vel_limit_rad_s * max_joint_speed_factor,
         speed_names=robot.joint_names,

@@ -80,6 +80,12 @@ def asks_for(groups: Sequence[ObservationGroup], term: str) -> bool:
     return any(entry.term == term for group in groups for entry in group.terms)
 
 
+def reference_tables(groups: Sequence[ObservationGroup]) -> frozenset[str]:
+    """Names of the tables that a :class:`policy.reference.ReferenceMotion` has only where ``groups`` look at them."""
+    looked_at = {"reference_feedforward": "feedforward_rad", "goal_visible": "steering"}
+    return frozenset(table for term, table in looked_at.items() if asks_for(groups, term))
+
+
 def term_order(group: ObservationGroup) -> tuple[ObservationTerm, ...]:
     """The group's distinct entries, each at lag 0, in order of first appearance.
 

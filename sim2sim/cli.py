@@ -1,11 +1,11 @@
 """The command `sim2sim/evaluate`: options in, table, JSON, video and report out."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Sequence
 
 from core.arguments import ArgumentParser, count_argument, number_argument, path_argument, positive_count_argument
+from core.command import guarded
 from core.errors import InputError
 from core.files import check_output_file, check_output_folder, check_output_kind, write_json
 from policy.goals import KINDS
@@ -80,29 +80,21 @@ def request_of(options: argparse.Namespace) -> EvaluationRequest:
     )
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Evaluate. Returns the exit code."""
-    try:
-        options = build_parser().parse_args(arguments)
-        check_output_file("--json", options.json)
-        check_output_file("--video", options.video)
-        check_output_folder("--report", options.report)
-        if options.meshes is not None:
-            check_meshes(load_robot(), options.meshes)
-        if options.stress:
-            _stress(options)
-        elif options.goal == "steer" and not options.motion:
-            _steer(options)
-        else:
-            _run(request_of(options), _writers(options))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("stopped before the end: no scores", file=sys.stderr)
+    options = build_parser().parse_args(arguments)
+    check_output_file("--json", options.json)
+    check_output_file("--video", options.video)
+    check_output_folder("--report", options.report)
+    if options.meshes is not None:
+        check_meshes(load_robot(), options.meshes)
+    if options.stress:
+        _stress(options)
+    elif options.goal == "steer" and not options.motion:
+        _steer(options)
+    else:
+        _run(request_of(options), _writers(options))
     return 0
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from core.command import guarded
 from core.errors import InputError
 from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
 
@@ -95,15 +96,12 @@ def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:
     ]
 
 
+@guarded
 def main(arguments: Sequence[str]) -> int:
     """Print the tables of the given JSON files."""
-    try:
-        for name in arguments:
-            documents = read_documents(Path(name))
-            print(format_table(documents, [str(d.get("motion", Path(name).stem)) for d in documents]))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    for name in arguments:
+        documents = read_documents(Path(name))
+        print(format_table(documents, [str(d.get("motion", Path(name).stem)) for d in documents]))
     return 0
 
 

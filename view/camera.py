@@ -10,6 +10,12 @@ import numpy as np
 _ROOT_BODY = 1
 
 
+def floor_m(model: mujoco.MjModel) -> float | None:
+    """Height of the model's first plane, None without one."""
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return float(model.geom_pos[planes[0], 2]) if planes.size else None
+
+
 @dataclass(frozen=True)
 class Camera:
     """Looks from ``azimuth_deg`` (180: at the front of a robot that faces +x) and ``elevation_deg`` (< 0: from above).
@@ -28,7 +34,8 @@ class Camera:
     def lookat_m(self, data: mujoco.MjData) -> np.ndarray:
         """The point (3,) in the middle of the picture."""
         base = data.xpos[_ROOT_BODY, :2] if self.track else np.zeros(2)
-        return np.array([base[0] + self.offset_m[0], base[1] + self.offset_m[1], self.height_m])
+        height_m = self.height_m + (floor_m(data.model) or 0.0)
+        return np.array([base[0] + self.offset_m[0], base[1] + self.offset_m[1], height_m])
 
     def to_mujoco(self, data: mujoco.MjData) -> mujoco.MjvCamera:
         """The same as MuJoCo's free camera."""

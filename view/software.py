@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import mujoco
 import numpy as np
 
-from view.camera import Camera
+from view.camera import Camera, floor_m
 from view.gl import GHOST_RGBA
 from view.shapes import SHAPES, Hit
 from view.triangles import meet_mesh
@@ -45,7 +45,7 @@ class SoftwareRenderer:
         self._colours = _colours(model)
         self._geoms = [int(geom) for geom in np.flatnonzero(shown & (self._colours[:, 3] > 0))]
         self._primitives = [geom for geom in self._geoms if int(model.geom_type[geom]) in SHAPES]
-        self._has_floor = bool((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any())
+        self._floor_m = floor_m(model)
 
     @property
     def backend(self) -> str:
@@ -131,27 +131,29 @@ class SoftwareRenderer:
         height = np.clip(rays[2], 0.0, 1.0) ** 0.5
         sky = _SKY_LOW[:, None, None] + height * (_SKY_HIGH - _SKY_LOW)[:, None, None]
         depth = np.full(self._size, np.inf, dtype=np.float32)
-        if not self._has_floor:
+        if self._floor_m is None:
             return sky, depth
         below = rays[2] < -1e-3
-        depth[below] = -eye[2] / rays[2][below]
+        depth[below] = (self._floor_m - eye[2]) / rays[2][below]
         point = eye[:2, None, None] + np.where(below, depth, 0.0) * rays[:2]
         tile = _TILES[(np.floor(point[0]) + np.floor(point[1])).astype(int) % 2].transpose(2, 0, 1)
-        tile = tile * np.where(self._shadow(eye, turn, point, data), _SHADOW, 1.0)
+        tile = tile * np.where(self._shadow(eye, turn, point, self._floor_m, data), _SHADOW, 1.0)
         haze = np.where(below, np.exp(-np.where(below, depth, 0.0) / _HAZE_M), 0.0)
         return haze * tile + (1.0 - haze) * sky, depth
 
-    def _shadow(self, eye: np.ndarray, turn: np.ndarray, point: np.ndarray, data: mujoco.MjData) -> np.ndarray:
+    def _shadow(
+        self, eye: np.ndarray, turn: np.ndarray, point: np.ndarray, height_m: float, data: mujoco.MjData
+    ) -> np.ndarray:
         """Which pixels show floor that the lamp does not reach, by rays from the floor ``point`` (2, H, W)."""
         dark = np.zeros(self._size, dtype=bool)
         for geom in self._primitives:
             place, turned = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
-            spot = place - _TO_LAMP * place[2] / _TO_LAMP[2]
+            spot = place - _TO_LAMP * (place[2] - height_m) / _TO_LAMP[2]
             window = self._window(eye, turn, spot, self._model.geom_rbound[geom] / _TO_LAMP[2])
             if window is None or dark[window].all():
                 continue
             here = point[:, *window].reshape(2, -1).astype(np.float32)
-            origin = np.concatenate([here, np.zeros_like(here[:1])]) - place[:, None]
+            origin = np.concatenate([here, np.full_like(here[:1], height_m)]) - place[:, None]
             lamp = (turned.T @ _TO_LAMP).astype(np.float32)[:, None]
             t, _ = self._meet(geom, turned.T @ origin.astype(np.float32), lamp + np.zeros_like(origin))
             dark[window] |= np.isfinite(t).reshape(dark[window].shape)

@@ -3,15 +3,12 @@
 The numbers are in configs/world/; the ranges of `randomization` are those of PBHC's Table 7 and its released config.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
-
 from core.config import config_file, load_options
-from core.structured import at_least, none_negative, ordered, positive, within
-
-Range = tuple[float, float]
+from core.structured import none_negative, positive, within
+from world.domain import PhysicalRanges, Range, check_friction
 
 
 @dataclass(frozen=True)
@@ -49,34 +46,19 @@ class GantryOptions:
         within("support", self.support, 0.0, 1.0)
 
 
-@dataclass(frozen=True)
-class Randomization:
-    """What differs from episode to episode. Ranges are (low, high) of a uniform distribution."""
+@dataclass(frozen=True, kw_only=True)
+class Randomization(PhysicalRanges):
+    """What differs from episode to episode; the torques' noise is new every ``torque_noise_hold_s``."""
 
-    friction: Range
-    kp_scale: Range
-    kd_scale: Range
-    mass_scale: Range
-    inertia_scale: Range
-    torso_com_m: tuple[float, float, float]
-    command_delay_s: Range
-    torque_noise: float
-    torque_noise_scale: Range
     torque_noise_hold_s: float
-    torque_offset: float
     push_speed_m_s: float
     push_interval_s: Range
     noise: SensorNoise
 
     def __post_init__(self) -> None:
-        """Check that ranges are ordered and nothing is negative."""
-        none_negative(self)
-        for field in fields(self):
-            if field.type == Range:
-                ordered(field.name, getattr(self, field.name))
-        _check_friction(self.friction[0])
-        for name in ("mass_scale", "inertia_scale", "push_interval_s"):
-            positive(f"{name}[0]", getattr(self, name)[0])
+        """Check ranges."""
+        super().__post_init__()
+        positive("push_interval_s[0]", self.push_interval_s[0])
         positive("torque_noise_hold_s", self.torque_noise_hold_s)
 
 
@@ -103,7 +85,7 @@ class SimOptions:
         """Check ranges."""
         none_negative(self)
         if self.friction is not None:
-            _check_friction(self.friction)
+            check_friction(self.friction)
         for name in ("timestep_s", "push_interval_s"):
             positive(name, getattr(self, name))
 
@@ -111,8 +93,3 @@ class SimOptions:
 def load_sim_options(name_or_file: str | Path = "default") -> SimOptions:
     """`default`, `reference`, or a YAML file of the same entries. Raises InputError naming file and entry."""
     return load_options(SimOptions, config_file("world", name_or_file))
-
-
-def _check_friction(value: float) -> None:
-    """With less, MuJoCo's contacts diverge."""
-    at_least("friction", value, mujoco.mjMINMU)

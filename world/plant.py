@@ -98,7 +98,7 @@ class Plant:
         self.place(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), joint_pos_rad)
         feet = [(self.data.body(foot), points) for foot, points in self.robot.sole_points_m.items()]
         points_w = np.concatenate([foot.xpos + points @ foot.xmat.reshape(3, 3).T for foot, points in feet])
-        return -float((points_w[:, 2] - self.scene.height_at(points_w[:, :2])).min())
+        return -float(self.scene.above(points_w).min())
 
     def drive(self, command: JointCommand, kp_scale: Scale = 1.0, kd_scale: Scale = 1.0) -> None:
         """Put a command in force: torque = clip(kp (q* - q) + kd (dq* - dq) + tau, limit) at every step from now on."""

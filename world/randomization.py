@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot.robot import Robot
-from world.options import Range, SensorNoise, SimOptions
+from world.domain import Range
+from world.options import SensorNoise, SimOptions
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ def draw_conditions(options: SimOptions, robot: Robot, rng: np.random.Generator)
         return _nominal(options, robot)
     r, joints, bodies = options.randomization, robot.num_joints, len(robot.randomized_mass_bodies)
     limit_nm = robot.torque_limit_nm
-    friction, delay_s = rng.uniform(*r.friction), rng.uniform(*r.command_delay_s)
+    friction, delay_s = rng.uniform(*r.friction), rng.uniform(*r.delay_s)
     return Conditions(
         friction=friction if options.friction is None else options.friction,
         command_delay_s=delay_s if options.command_delay_s is None else options.command_delay_s,
@@ -45,7 +46,7 @@ def draw_conditions(options: SimOptions, robot: Robot, rng: np.random.Generator)
         noise=r.noise,
         mass_scale=rng.uniform(*r.mass_scale, bodies),
         inertia_scale=rng.uniform(*r.inertia_scale, bodies),
-        torso_com_shift_m=rng.uniform(-1.0, 1.0, 3) * r.torso_com_m,
+        torso_com_shift_m=rng.uniform(-1.0, 1.0, 3) * (r.com_xy_m, r.com_xy_m, r.com_z_m),
         kp_scale=rng.uniform(*r.kp_scale, joints),
         kd_scale=rng.uniform(*r.kd_scale, joints),
         torque_offset_nm=rng.uniform(-1.0, 1.0, joints) * r.torque_offset * limit_nm,

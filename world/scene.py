@@ -64,6 +64,10 @@ class Scene:
             height_m = np.where(inside, np.maximum(height_m, top_m), height_m)
         return height_m
 
+    def above(self, points_w: np.ndarray) -> np.ndarray:
+        """Height (...) in m of points (..., 3) above the highest surface at their places."""
+        return points_w[..., 2] - self.height_at(points_w[..., :2])
+
     def padded(self, count: int) -> Scene:
         """The same surface with ``count`` boxes, the unused ones buried: models of one set of scenes are alike."""
         buried = Box((0.0, 0.0, self.floor_m - 10.0), (0.1, 0.1, 0.1))

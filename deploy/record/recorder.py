@@ -48,7 +48,7 @@ def align_heading(reference: Reference, root_pos_w: np.ndarray, root_quat_wxyz: 
 
 def has_fallen(truth: TrueState, scene: Scene) -> bool:
     """Whether the root is less than 0.3 m above what lies under it."""
-    return bool(truth.root_pos_w[2] - scene.height_at(truth.root_pos_w[:2]) < FALL_HEIGHT_M)
+    return bool(scene.above(truth.root_pos_w) < FALL_HEIGHT_M)
 
 
 @dataclass

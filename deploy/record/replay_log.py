@@ -1,7 +1,6 @@
 """The command `deploy/replay`: a log's states through an actor again, and the first term that comes out otherwise."""
 
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from core.arguments import ArgumentParser, number_argument, path_argument
+from core.command import guarded
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
@@ -23,7 +23,7 @@ from policy.observation import entry_size, spec_dims
 from policy.spec import ActorSpec
 from robot.robot import Robot, load_robot
 
-SAME, DIFFERENT, BAD_INPUT = 0, 1, 2
+SAME, DIFFERENT = 0, 1
 STATE_FIELDS = ("imu_quat_wxyz", "imu_ang_vel_b", "joint_pos_rad", "joint_vel_rad_s")
 
 
@@ -71,6 +71,7 @@ def first_difference(run: ActorRun, robot: Robot, ticks: Sequence[LoggedTick], t
     return None
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit code 0 where the replay agrees, 1 where it differs, 2 on bad input."""
     parser = ArgumentParser(prog="deploy/replay", description=__doc__, allow_abbrev=False)
@@ -82,23 +83,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--tolerance", type=number_argument, default=1e-5, metavar="T", help="largest difference of a term that is none"
     )
-    try:
-        given = parser.parse_args(arguments)
-        robot = load_robot(given.robot)
-        run = _loaded(given.policy, given.motion, given.goal, robot)
-        log = read_log(given.log)
-        if log.joint_names != robot.joint_names:
-            raise InputError("the log is of another robot", where=given.log, expected=robot.name)
-        if log.cut is not None:
-            print(f"{given.log} was not closed ({log.cut}): replaying the {len(log.ticks)} ticks that are whole")
-        chosen = ticks_of(run.actor, log.ticks, given.log)
-        difference = first_difference(run, robot, chosen, given.tolerance)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print("stopped before the end", file=sys.stderr)
-        return 0
+    given = parser.parse_args(arguments)
+    robot = load_robot(given.robot)
+    run = _loaded(given.policy, given.motion, given.goal, robot)
+    log = read_log(given.log)
+    if log.joint_names != robot.joint_names:
+        raise InputError("the log is of another robot", where=given.log, expected=robot.name)
+    if log.cut is not None:
+        print(f"{given.log} was not closed ({log.cut}): replaying the {len(log.ticks)} ticks that are whole")
+    chosen = ticks_of(run.actor, log.ticks, given.log)
+    difference = first_difference(run, robot, chosen, given.tolerance)
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT
 

@@ -1,12 +1,12 @@
 """`motion/author/build`: rebuild the bundled clips from their choreographies."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from core.arguments import ArgumentParser, path_argument
+from core.command import guarded
 from core.errors import InputError
 from motion.author.choreography import GROUPS, load_choreography
 from motion.author.solver import solve_frames
@@ -60,6 +60,7 @@ def _stand_values(stand: StandPose) -> dict[str, tuple[float, ...]]:
     return values
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Build the named clips, or all; 0 done, 2 a wrong choreography or name."""
     parser = ArgumentParser(prog="motion/author/build", description=__doc__)
@@ -67,24 +68,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = f"clips to build: {', '.join(names)} (default: all of these), or choreography files (.yaml)"
     parser.add_argument("names", nargs="*", metavar="NAME|FILE", help=text)
     parser.add_argument("--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips")
-    try:
-        options = parser.parse_args(arguments)
-        files = [Path(name) for name in options.names if name.endswith(".yaml")]
-        if unknown := [name for name in options.names if name not in names and Path(name) not in files]:
-            raise InputError("no such choreography", got=", ".join(unknown), expected=f"some of {', '.join(names)}")
-        if not options.out.is_dir():
-            raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
-        robot = load_robot()
-        for name in options.names or names:
-            path = Path(name) if name.endswith(".yaml") else CHOREOGRAPHIES / f"{name}.yaml"
-            clip = build_clip(path, robot)
-            save_clip(clip, options.out / f"{path.stem}.npz")
-            speed = np.abs(np.diff(clip.joint_pos_rad, axis=0)).max() * clip.fps
-            print(f"{path.stem}: {clip.duration_s:g} s, fastest joint {speed:.1f} rad/s, sha256 {clip.sha256[:12]}")
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped before the end", file=sys.stderr)
-        return 0
+    options = parser.parse_args(arguments)
+    files = [Path(name) for name in options.names if name.endswith(".yaml")]
+    if unknown := [name for name in options.names if name not in names and Path(name) not in files]:
+        raise InputError("no such choreography", got=", ".join(unknown), expected=f"some of {', '.join(names)}")
+    if not options.out.is_dir():
+        raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
+    robot = load_robot()
+    for name in options.names or names:
+        path = Path(name) if name.endswith(".yaml") else CHOREOGRAPHIES / f"{name}.yaml"
+        clip = build_clip(path, robot)
+        save_clip(clip, options.out / f"{path.stem}.npz")
+        speed = np.abs(np.diff(clip.joint_pos_rad, axis=0)).max() * clip.fps
+        print(f"{path.stem}: {clip.duration_s:g} s, fastest joint {speed:.1f} rad/s, sha256 {clip.sha256[:12]}")
     return 0

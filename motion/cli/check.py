@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from core.arguments import ArgumentParser, positive_argument
+from core.command import BAD_INPUT, DONE, FAILED, guarded
 from core.errors import InputError
-from motion.cli.guard import BAD_INPUT_CODE, NOT_TRACKABLE_CODE, guarded
 from motion.cli.text_table import text_table
 from motion.filter import Verdict, judge
 from motion.library import open_motion
@@ -45,12 +45,9 @@ def build_parser() -> ArgumentParser:
     return parser
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check. Returns the exit code: 0 all trackable, 1 one is not, 2 bad input."""
-    return guarded(lambda: _run(arguments))
-
-
-def _run(arguments: Sequence[str] | None) -> int:
     options = build_parser().parse_args(arguments)
     robot = load_robot(options.robot)
     findings, errors = [], []
@@ -64,8 +61,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     for line in errors:
         print(line, file=sys.stderr)
     if errors:
-        return BAD_INPUT_CODE
-    return 0 if all(finding.verdict.stable for finding in findings) else NOT_TRACKABLE_CODE
+        return BAD_INPUT
+    return DONE if all(finding.verdict.stable for finding in findings) else FAILED
 
 
 def find(name_or_file: str, robot: Robot, fps: float | None = None) -> ClipFinding:

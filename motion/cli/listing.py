@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from core.arguments import ArgumentParser
+from core.command import BAD_INPUT, guarded
 from core.errors import InputError
-from motion.cli.guard import BAD_INPUT_CODE, guarded
 from motion.cli.text_table import text_table
 from motion.clip import Clip, load_clip
 from motion.library import CLIPS
@@ -15,6 +15,7 @@ LOCAL = Path("motions")
 HEADS = ("clip", "seconds", "fps", "joints", "licence", "source")
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line a clip; 0 done, 2 a file in motions/ is no clip (the others are listed all the same)."""
     parser = ArgumentParser(
@@ -23,15 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "what the other commands and train/run.py motion= take.",
         allow_abbrev=False,
     )
-
-    def run() -> int:
-        parser.parse_args(arguments)
-        return _list()
-
-    return guarded(run)
-
-
-def _list() -> int:
+    parser.parse_args(arguments)
     found = {path.stem: path for path in sorted(CLIPS.glob("*.npz"))}
     found |= {str(path): path for path in sorted([*LOCAL.glob("*.npz"), *LOCAL.glob("*/*.npz")])}
     rows, errors = [], []
@@ -43,7 +36,7 @@ def _list() -> int:
     print(text_table(HEADS, rows, right=(1, 2, 3)), flush=True)
     for line in errors:
         print(line, file=sys.stderr)
-    return BAD_INPUT_CODE if errors else 0
+    return BAD_INPUT if errors else 0
 
 
 def _facts(clip: Clip) -> tuple[str, ...]:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from core.arguments import ArgumentParser, number_argument, path_argument, positive_argument, positive_count_argument
+from core.command import DONE, FAILED, guarded
 from core.errors import InputError
 from core.processes import available_cores
 from motion.cli.dataset import done_already, files_in, write_manifest
 from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
-from motion.cli.guard import NOT_TRACKABLE_CODE, guarded
 from motion.cli.parallel import run_all
 from motion.clip import clip_to_bytes
 from motion.human.bvh import UNITS_M
@@ -63,12 +63,9 @@ def build_parser() -> ArgumentParser:
     return parser
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Process. Returns the exit code, the worst of all inputs: 0 trackable, 1 not trackable, 2 bad input."""
-    return guarded(lambda: _run(arguments))
-
-
-def _run(arguments: Sequence[str] | None) -> int:
     options = build_parser().parse_args(arguments)
     folders = [path for path in options.input if path.is_dir()]
     if folders:
@@ -140,12 +137,9 @@ def _request(options: argparse.Namespace, path: Path, name: str) -> ProcessReque
     )
 
 
+@guarded
 def _work(job: Job) -> int:
     """One input from end to end. Returns its exit code."""
-    return guarded(lambda: _process(job))
-
-
-def _process(job: Job) -> int:
     name = job.request.name
 
     def say(text: str) -> None:
@@ -155,7 +149,7 @@ def _process(job: Job) -> int:
     verdict = done_already(job.request, job.folder) if job.keeps else None
     if verdict is not None:
         say(f"{verdict}, done already")
-        return 0 if verdict == TRACKABLE else NOT_TRACKABLE_CODE
+        return DONE if verdict == TRACKABLE else FAILED
     record = process(job.request, say)
     say("report")
     files = {} if record.clip is None else {f"{name}.npz": clip_to_bytes(record.clip)}
@@ -165,4 +159,4 @@ def _process(job: Job) -> int:
     say(f"{record.verdict}, {job.folder}")
     for reason in record.reasons:
         say(f"  {reason}")
-    return 0 if record.verdict == TRACKABLE else NOT_TRACKABLE_CODE
+    return DONE if record.verdict == TRACKABLE else FAILED

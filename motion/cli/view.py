@@ -7,8 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from core.arguments import ArgumentParser, path_argument, positive_argument
+from core.command import guarded
 from core.files import check_output_kind
-from motion.cli.guard import guarded
 from motion.cli.serving import serve
 from motion.clip import Clip
 from motion.library import open_motion
@@ -35,12 +35,9 @@ def build_parser() -> ArgumentParser:
     return parser
 
 
+@guarded
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play. Returns the exit code."""
-    return guarded(lambda: _run(arguments))
-
-
-def _run(arguments: Sequence[str] | None) -> int:
     options = build_parser().parse_args(arguments)
     name = Path(options.clip).stem
     with ExitStack() as stack:

@@ -11,7 +11,7 @@ from motion.physics_checks import foot_slides_m, phases, position_violations, sp
 from motion.reference import joint_columns
 from robot.robot import Robot
 from world.model import build_spec
-from world.scene import FLOOR_GEOM
+from world.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,9 @@ class Trace:
     """N frames of a clip on its robot, J joints in the robot's order.
 
     qpos (N,7+J); joint_pos_rad (N,J); joint_vel_rad_s (N-1,J) from one frame to the next; body_pos_w (N,P,3) of the
-    tracked points; lowest_sole_m (N,2) height of each sole's lowest point; penetration_m (N,) of the deepest point of
-    any body below the ground; contact (N,2); position_violations (N,J) and speed_violations (N-1,J).
+    tracked points; lowest_sole_m (N,2) height of each sole's lowest point above what lies under it; penetration_m (N,)
+    of the deepest point of any body in the clip's scene; contact (N,2); position_violations (N,J) and
+    speed_violations (N-1,J).
     """
 
     fps: float
@@ -63,8 +64,8 @@ def trace_clip(clip: Clip, robot: Robot) -> Trace:
         joint_pos_rad=joint_pos,
         joint_vel_rad_s=np.diff(joint_pos, axis=0) * clip.fps,
         body_pos_w=bodies.pos_w,
-        lowest_sole_m=soles[..., 2].min(axis=2),
-        penetration_m=_penetration_m(qpos, robot),
+        lowest_sole_m=clip.scene.above(soles).min(axis=2),
+        penetration_m=_penetration_m(qpos, robot, clip.scene),
         contact=clip.contact,
         position_violations=position_violations(joint_pos, robot),
         speed_violations=speed_violations(joint_pos, clip.fps, robot),
@@ -80,15 +81,15 @@ def _slides(soles: np.ndarray, contact: np.ndarray) -> tuple[Slide, ...]:
     )
 
 
-def _penetration_m(qpos: np.ndarray, robot: Robot) -> np.ndarray:
-    """(N,) how deep the shapes that collide are in the floor, 0 where they are above it."""
-    model = build_spec(robot).compile()
-    data, floor = mujoco.MjData(model), model.geom(FLOOR_GEOM).id
+def _penetration_m(qpos: np.ndarray, robot: Robot, scene: Scene) -> np.ndarray:
+    """(N,) how deep the shapes that collide are in floor and boxes, 0 where they are outside."""
+    model = build_spec(robot, scene=scene).compile()
+    data, of_the_world = mujoco.MjData(model), model.geom_bodyid == 0
     deepest_m = np.zeros(len(qpos))
     for frame, pose in enumerate(qpos):
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        on_floor = (data.contact.geom == floor).any(axis=1)
-        deepest_m[frame] = max(0.0, -data.contact.dist[on_floor].min(initial=0.0))
+        on_scene = of_the_world[data.contact.geom].any(axis=1)
+        deepest_m[frame] = max(0.0, -data.contact.dist[on_scene].min(initial=0.0))
     return deepest_m

@@ -2,14 +2,21 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+import torch
 
 from core.errors import InputError
-from deploy.actors import check_bounds, check_start, load_run
+from deploy.actors import check_bounds, check_start, load_run, reference_for
 from policy.actor import bundled_actors, resolve_actor
+from policy.layouts import LAYOUTS
 from policy.metadata import read_metadata
+from policy.observation import window_ticks
+from policy.reference import window_at
 from tests.deploy.toys import KNEE, ROBOT, SETTINGS, linear_run
 from tests.shared_data import SHARED, needs_shared_data
+from tests.train.worlds import settings, swaying_clip, swaying_reference
+from train.mdp.factory import build_environment
 
 
 def one(values, factor, joint=KNEE):
@@ -77,3 +84,22 @@ def test_the_released_actor_is_taken():
     folder = SHARED / "pbhc"
     policy = folder / "actor_horse_stance_pose" / "model_50000.onnx"
     check_bounds(load_run(policy, folder / "Horse-stance_pose.pkl", ROBOT, SETTINGS.entry), ROBOT, SETTINGS.actor)
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "pbhc"])  # whose actors do not look ahead
+def test_the_reference_that_a_robot_follows_is_that_of_training(toy, layout):
+    """Every value of the window, at the clip's start, in its midst and beyond its end."""
+    group = LAYOUTS[layout]()
+    world = settings(observations=layout, critic=["history", "reference_position"])
+    env = build_environment(world, ROBOT, swaying_reference(ROBOT), num_envs=1, seed=0, threads=1)
+    spec = replace(toy.actor.spec, observations=(group,), follows="any_clip", motion=None)
+    reference = reference_for(spec, swaying_clip(ROBOT), ROBOT)
+    assert reference.steering is None or layout == "goals"
+    points = None if reference.steering is None else ROBOT.tracked_index(ROBOT.goal_points)
+    for tick in (0, 20, 70):
+        ticks = window_ticks([group])
+        trained = env.command.table.window(torch.tensor([0]), torch.tensor([tick]), ticks)
+        deployed = window_at(reference, tick, ticks, np.arange(ROBOT.num_joints), points=points)
+        for name, value in vars(deployed).items():
+            if isinstance(value, np.ndarray):
+                assert getattr(trained, name)[0].numpy() == pytest.approx(value, abs=1e-6), name

@@ -17,7 +17,7 @@ from hal.contract.types import DeviceInfo, RobotState
 from hal.simulated.mujoco import MujocoBackend
 from motion.clip import Clip, clip_to_bytes
 from policy.metadata import write_metadata
-from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
+from policy.spec import ActorSpec, ObservationGroup, ObservationTerm, motion_info
 from robot.robot import load_robot
 from world.scene import FLAT, Scene
 
@@ -36,9 +36,18 @@ OBSERVATION = ObservationGroup(
     ),
 )
 SIZE = 3 + 3 + JOINTS + 1
+COLUMNS = {"base_ang_vel": 0, "projected_gravity": 3}
 GRAVITY_X, GRAVITY_Y, GRAVITY_Z = 3, 4, 5
 HALF_RATE_S = 0.035
 PHASE = SIZE - 1
+BALANCE = {
+    (term, index, f"{side}_ankle_{axis}_joint"): weight
+    for side in ("left", "right")
+    for term, index, axis, weight in (
+        ("projected_gravity", 0, "pitch", 3.0), ("base_ang_vel", 1, "pitch", 0.2),
+        ("projected_gravity", 1, "roll", -2.0), ("base_ang_vel", 0, "roll", 0.2),
+    )
+}  # fmt: skip
 
 
 def _standing_height_m() -> float:
@@ -71,6 +80,30 @@ def still_clip(seconds: float, pose_rad: np.ndarray | None = None, scene: Scene 
     )
 
 
+def write_matrix_actor(path: Path, matrix: np.ndarray, observation: ObservationGroup, **spec) -> ActorSpec:
+    """An actor whose action is its observation (1, n) times a matrix (n, J); its file still lacks the spec."""
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
+        "linear",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, len(matrix)])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, JOINTS])],
+        [helper.make_tensor("weights", TensorProto.FLOAT, matrix.shape, matrix.ravel())],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), str(path))
+    return ActorSpec(
+        robot=ROBOT.name,
+        joint_names=ROBOT.joint_names,
+        default_pos_rad=ROBOT.default_pos_rad,
+        kp=ROBOT.kp,
+        kd=ROBOT.kd,
+        action_scale=np.full(JOINTS, 0.25),
+        action_clip=100.0,
+        control_period_s=PERIOD_S,
+        observations=(observation,),
+        **spec,
+    )
+
+
 def write_linear_actor(
     path: Path,
     weights: dict[tuple[int, str], float] | None = None,
@@ -84,47 +117,16 @@ def write_linear_actor(
     matrix = np.zeros((SIZE, JOINTS), dtype=np.float32)
     for (column, joint), weight in (weights or {}).items():
         matrix[column, ROBOT.joint_names.index(joint)] = weight / 0.25
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
-        "linear",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, SIZE])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, JOINTS])],
-        [helper.make_tensor("weights", TensorProto.FLOAT, matrix.shape, matrix.ravel())],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    onnx.save(model, str(path))
     clip = still_clip(seconds, pose_rad, scene)
-    motion = MotionInfo(
-        name=name,
-        fps=clip.fps,
-        num_frames=clip.num_frames,
-        duration_s=clip.duration_s,
-        sha256=clip.sha256,
-        root_height_m=HEIGHT_M,
-        start_joint_pos_rad=clip.joint_pos_rad[0],
-    )
-    spec = ActorSpec(
-        robot=ROBOT.name,
-        joint_names=ROBOT.joint_names,
-        default_pos_rad=ROBOT.default_pos_rad,
-        kp=ROBOT.kp,
-        kd=ROBOT.kd,
-        action_scale=np.full(JOINTS, 0.25),
-        action_clip=100.0,
-        control_period_s=PERIOD_S,
-        observations=(OBSERVATION,),
-        motion=motion,
-    )
+    motion = motion_info(clip, name, clip.joint_pos_rad[0])
+    spec = write_matrix_actor(path, matrix, OBSERVATION, motion=motion)
     write_metadata(path, spec, clip_to_bytes(clip))
     return path
 
 
 def write_standing_actor(path: Path, seconds: float = 1.0, name: str = "toy_stand", scene: Scene = FLAT) -> Path:
     """Balances with its ankles: enough to stand in MuJoCo."""
-    weights = {}
-    for side in ("left", "right"):
-        weights |= {(GRAVITY_X, f"{side}_ankle_pitch_joint"): 3.0, (1, f"{side}_ankle_pitch_joint"): 0.2}
-        weights |= {(GRAVITY_Y, f"{side}_ankle_roll_joint"): -2.0, (0, f"{side}_ankle_roll_joint"): 0.2}
+    weights = {(COLUMNS[term] + index, joint): weight for (term, index, joint), weight in BALANCE.items()}
     return write_linear_actor(path, weights, seconds=seconds, name=name, scene=scene)
 
 

@@ -33,8 +33,8 @@ def test_randomisation_is_the_papers_and_the_released_configs() -> None:
     r = load_sim_options().randomization
     assert r.friction == (0.6, 1.1)
     assert r.kp_scale == r.kd_scale == r.mass_scale == r.inertia_scale == (0.9, 1.1)
-    assert r.torso_com_m == (0.05, 0.05, 0.01)
-    assert r.command_delay_s == (0.0, 0.04)
+    assert (r.com_xy_m, r.com_z_m) == (0.05, 0.01)
+    assert r.delay_s == (0.0, 0.04)
     assert (r.torque_noise, r.torque_offset, r.torque_noise_scale) == (0.05, 0.05, (0.5, 1.5))
     assert (r.push_speed_m_s, r.push_interval_s) == (0.1, (5.0, 10.0))
     n = r.noise

@@ -15,6 +15,7 @@ from motion.read import read_motion
 from motion.resample import resample
 from tests.motion.figure import SOLE_MIDDLE_M, moved, standing_figure, turned
 from tests.shared_data import SHARED, needs_shared_data
+from world.scene import Box, Scene
 
 IMPORTED = (
     *("pbhc/Charleston_dance.pkl", "pbhc/Horse-stance_pose.pkl", "pbhc/Roundhouse_kick.pkl"),
@@ -148,3 +149,14 @@ def test_other_joints_are_an_error(robot, standing_clip):
     clip = standing_clip()
     with pytest.raises(InputError, match="joints"):
         judge((replace(clip, joint_names=(*clip.joint_names[:-1], "tail_joint")), robot))
+
+
+@pytest.mark.parametrize("scene", [Scene(0.5), Scene(0.0, (Box((0.0, 0.0, 0.25), (9.0, 9.0, 0.25)),))])
+def test_half_a_metre_higher_is_no_flight_where_the_scene_is(robot, scene):
+    """Every figure and the contacts of Eq. 2 are those of the clip on the ground."""
+    clip = open_motion("side_kick", robot)
+    higher = replace(shifted(clip, (0.0, 0.0, 0.5)), scene=scene)
+    found, expected = judge((higher, robot)), judge((clip, robot))
+    assert found.distance_m == pytest.approx(expected.distance_m, abs=1e-9)
+    assert [f.value for f in found.findings] == pytest.approx([f.value for f in expected.findings], abs=1e-6)
+    assert np.array_equal(contact_of((higher, robot)), contact_of((clip, robot)))

@@ -13,11 +13,8 @@ from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.metrics import empbae_mm
 from motion.reference import build_reference
-from policy.history import ObservationHistory
 from policy.layouts import pbhc_actor_group
-from policy.observation import sample_terms, term_dims
-from policy.terms import ObservationInput
-from tests.train.worlds import CONSTANT, g1, settings, small_env, swaying_reference
+from tests.train.worlds import CONSTANT, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
 from train.mdp.drivers import DriverFigures
@@ -210,26 +207,9 @@ def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
 def test_actor_observations_equal_those_of_the_robot(older_lags):
     """What training feeds the network is, from the first tick on, what deployment's history gives."""
     env = small_env(num_envs=2, start=FIRST_FRAME, older_lags=older_lags)
-    group, dims = pbhc_actor_group(older_lags=tuple(itertools.chain(*older_lags))), term_dims(23)
-    history = ObservationHistory(group, dims)
-    action = np.zeros(23)
-    generator = torch.Generator().manual_seed(1)
-    for tick in range(12):
-        state = env.simulator.state()
-        now = ObservationInput(
-            base_quat_wxyz=state.root_quat_wxyz[1].numpy().astype(float),
-            base_ang_vel_b=state.root_ang_vel_b[1].numpy().astype(float),
-            joint_pos_rad=state.joint_pos_rad[1].numpy().astype(float),
-            joint_vel_rad_s=state.joint_vel_rad_s[1].numpy().astype(float),
-            last_action=action,
-            phase=np.array([tick / 50]),
-            default_pos_rad=np.asarray(g1().default_pos_rad),
-        )
-        expected = history.push(sample_terms(history.terms, now))
-        assert env.observations.actor(env.state.actor_history)[1].numpy() == pytest.approx(expected, abs=2e-5)
-        sent = 0.1 * torch.randn(2, 23, generator=generator)
-        env.step(sent)
-        action = sent[1].numpy().astype(float)
+    assert env.actor_group == pbhc_actor_group(older_lags=tuple(itertools.chain(*older_lags)))
+    for trained, computed in observations_of_robots(env, 12, action_size=0.1):
+        assert trained == pytest.approx(computed, abs=2e-5)
 
 
 def test_noise_has_the_configured_width_and_grows_with_the_randomisation():

@@ -9,14 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from core.errors import InputError
 from motion.steering import steering_of, with_steering
+from motion.tables import with_tables
 from policy.goals import KINDS, PARTS, POINTS, bits_of, visible_in
 from policy.history import ObservationHistory
 from policy.layouts import goals_actor_group
-from policy.observation import sample_terms, term_dims, window_ticks
+from policy.observation import reference_tables, sample_terms, term_dims, window_ticks
 from policy.reference import window_at
 from policy.terms import ObservationInput
 from tests.train.test_many_clips import references
-from tests.train.worlds import g1, settings
+from tests.train.worlds import g1, observations_of_robots, settings
 from train.mdp.factory import build_environment
 from train.mdp.goals import Goals, GoalSettings, errors_by_kind, visible
 
@@ -165,36 +166,18 @@ def test_settings_that_make_no_sense_are_refused(kinds, message):
 
 def test_what_the_actor_sees_in_training_is_what_a_robot_computes():
     """Robots of three clips with goals of their own, step by step, against the deployed history and window."""
-    kinds = {"full": 0.3, "vr3": 0.3, "random": 0.4}
+    kinds, clips = {"full": 0.3, "vr3": 0.3, "random": 0.4}, references()
     env = build_environment(
         settings(start={"first_frame": 1.0}, clips={"in_turn": True}, goals={"kinds": kinds}, **GOALS), ROBOT,
-        references(), num_envs=6, seed=2, threads=2,
+        clips, num_envs=6, seed=2, threads=2,
     )  # fmt: skip
     assert env.actor_group == GROUP
-    histories = [ObservationHistory(GROUP, term_dims(23)) for _ in range(6)]
-    rows = [env.command.table.rows(torch.arange(3), torch.full((3,), tick)) for tick in range(31)]
     shown = visible(env.state.goal).numpy()
     assert len(np.unique(shown, axis=0)) > 2
-    actions, generator = np.zeros((6, 23)), torch.Generator().manual_seed(4)
-    named = [with_steering(reference) for reference in references().values()]
-    for tick in range(20):
-        state = env.simulator.state()
-        for robot, history in enumerate(histories):
-            feedforward = np.stack([row.feedforward_rad[robot % 3].numpy() for row in rows])
-            full = replace(named[robot % 3], feedforward_rad=np.resize(feedforward, (len(named[robot % 3].phase), 23)))
-            now = ObservationInput(
-                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
-                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
-                joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
-                joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
-                last_action=actions[robot],
-                phase=np.array([0.0]),
-                default_pos_rad=np.asarray(ROBOT.default_pos_rad),
-                reference=window_at(full, tick, TICKS, JOINTS, points=AT, visible=shown[robot]),
-            )
-            expected = history.push(sample_terms(history.terms, now))
-            got = env.observations.actor(env.state.actor_history)[robot].numpy()
-            assert got == pytest.approx(expected, abs=1e-4)
-        sent = 0.05 * torch.randn(6, 23, generator=generator)
-        env.step(sent)
-        actions = sent.numpy().astype(float)
+    tables = [with_tables(ROBOT, clip, reference_tables([GROUP])) for clip in clips.values()]
+
+    def window(robot, tick):
+        return window_at(tables[robot % 3], tick, TICKS, JOINTS, points=AT, visible=shown[robot])
+
+    for trained, computed in observations_of_robots(env, 20, action_size=0.05, window=window):
+        assert trained == pytest.approx(computed, abs=1e-4)

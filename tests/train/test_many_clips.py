@@ -7,12 +7,10 @@ import torch
 from core.errors import InputError
 from motion.library import open_motion
 from motion.reference import build_reference
-from policy.history import ObservationHistory
 from policy.layouts import window_actor_group
-from policy.observation import sample_terms, term_dims, window_ticks
+from policy.observation import window_ticks
 from policy.reference import window_at
-from policy.terms import ObservationInput
-from tests.train.worlds import g1, settings, swaying_reference
+from tests.train.worlds import g1, observations_of_robots, settings, swaying_reference
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
@@ -82,30 +80,14 @@ def test_each_robot_follows_its_own_clip_to_its_own_end():
 def test_what_the_actor_sees_ahead_is_what_a_robot_computes():
     """Robots of three clips, step by step, against the deployed history and window; near the end the last pose."""
     env = environment(num_envs=3, start={"first_frame": 1.0}, clips={"in_turn": True}, **WINDOW)
-    group = window_actor_group()
-    assert env.actor_group == group
-    ticks, joints = window_ticks([group]), np.arange(23)
-    histories = [ObservationHistory(group, term_dims(23)) for _ in range(3)]
-    actions, generator = np.zeros((3, 23)), torch.Generator().manual_seed(4)
-    for tick in range(29):
-        state = env.simulator.state()
-        for robot, (history, reference) in enumerate(zip(histories, references().values(), strict=True)):
-            now = ObservationInput(
-                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
-                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
-                joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
-                joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
-                last_action=actions[robot],
-                phase=np.array([0.0]),
-                default_pos_rad=np.asarray(ROBOT.default_pos_rad),
-                reference=window_at(reference, tick, ticks, joints),
-            )
-            expected = history.push(sample_terms(history.terms, now))
-            seen = env.observations.actor(env.state.actor_history)[robot].numpy()
-            assert seen == pytest.approx(expected, abs=3e-5)
-        sent = 0.05 * torch.randn(3, 23, generator=generator)
-        env.step(sent)
-        actions = sent.numpy().astype(float)
+    assert env.actor_group == window_actor_group()
+    ticks, clips = window_ticks([env.actor_group]), list(references().values())
+
+    def window(robot, tick):
+        return window_at(clips[robot], tick, ticks, np.arange(23))
+
+    for trained, computed in observations_of_robots(env, 29, action_size=0.05, window=window):
+        assert trained == pytest.approx(computed, abs=3e-5)
 
 
 def test_the_layout_says_where_each_term_lies():

@@ -15,6 +15,7 @@ from motion.library import open_motion
 from motion.reference import build_reference
 from tests.hal.rigs import SimulatedClock, hold, run, sim_options
 from tests.train.worlds import g1, settings, swaying_clip
+from train.mdp.evaluator import fall_height_m
 from train.mdp.factory import build_environment
 from train.simulation.domain import DomainRanges
 from train.simulation.model import SimulationSettings
@@ -89,6 +90,13 @@ def test_a_scene_travels_in_the_clip_to_the_environment(tmp_path):
     reference = build_reference(load_clip(tmp_path / "boxes.npz"), g1())
     env = build_environment(settings(), g1(), reference, num_envs=2, seed=0, threads=1)
     assert env.simulator._models[0].geom("box_1").pos.tolist() == [0.015, -0.1185, 0.025]
+
+
+def test_a_fall_is_one_above_the_floor():
+    """A share of 0.4 of how high the lowest of the roots begins."""
+    low, high = (replace(swaying_clip(g1()), root_pos_w=np.tile([0.0, 0.0, z], (51, 1))) for z in (0.7, 0.8))
+    assert fall_height_m(*(build_reference(clip, g1()) for clip in (low, high))) == pytest.approx(0.28)
+    assert fall_height_m(build_reference(replace(high, scene=Scene(-1.0)), g1())) == pytest.approx(-0.28)
 
 
 def test_clips_of_different_scenes_are_refused():

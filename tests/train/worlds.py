@@ -1,14 +1,20 @@
 """A small real environment for the tests: the G1 on a short clip."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from core.structured import parse
 from motion.clip import ARRAY_FIELDS, Clip, save_clip
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
+from policy.history import ObservationHistory
+from policy.observation import sample_terms, term_dims
+from policy.reference import ReferenceWindow
+from policy.terms import ObservationInput
 from robot.robot import Robot, load_robot
 from train.mdp.factory import build_environment
 from train.mdp.settings import EnvironmentSettings
@@ -74,3 +80,37 @@ def small_env(num_envs: int = 4, seed: int = 3, seconds: float = 1.0, **changes:
     robot = g1()
     reference = swaying_reference(robot, seconds)
     return build_environment(settings(**changes), robot, reference, num_envs=num_envs, seed=seed, threads=2)
+
+
+def observations_of_robots(
+    env: TrackingEnv,
+    ticks: int,
+    *,
+    action_size: float,
+    window: Callable[[int, int], ReferenceWindow | None] = lambda robot, tick: None,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Every robot of a training at each tick, by random actions: what its actor is shown, and what a robot computes.
+
+    window: of a robot and a tick, what it sees of the reference.
+    """
+    default_pos_rad, generator = g1().default_pos_rad, torch.Generator().manual_seed(4)
+    joints = len(default_pos_rad)
+    histories = [ObservationHistory(env.actor_group, term_dims(joints)) for _ in range(env.num_envs)]
+    sent = torch.zeros(env.num_envs, joints)
+    for tick in range(ticks):
+        state = env.simulator.state()
+        for robot, history in enumerate(histories):
+            now = ObservationInput(
+                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
+                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
+                joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
+                joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
+                last_action=sent[robot].numpy().astype(float),
+                phase=np.array([tick / int(env.command.num_ticks[env.state.clip[robot]])]),
+                default_pos_rad=default_pos_rad,
+                reference=window(robot, tick),
+            )
+            trained = env.observations.actor(env.state.actor_history)[robot].numpy()
+            yield trained, history.push(sample_terms(history.terms, now))
+        sent = action_size * torch.randn(env.num_envs, joints, generator=generator)
+        env.step(sent)

@@ -11,6 +11,7 @@ from view import renderer as choice
 from view.camera import Camera
 from view.renderer import open_renderer
 from world.model import compile_model
+from world.scene import Scene
 
 WIDTH, HEIGHT = 320, 240
 
@@ -94,6 +95,20 @@ def test_camera_is_mujocos_and_follows(g1):
     assert np.allclose(-rotation[:, 2], left.forward, atol=1e-5) and np.allclose(rotation[:, 1], left.up, atol=1e-5)
     assert np.allclose(camera.lookat_m(data)[:2], [3.2, -1.9])
     assert np.allclose(Camera(track=False).lookat_m(data)[:2], 0.0)
+
+
+@pytest.mark.parametrize("backend", ["software", "egl"])
+def test_on_a_higher_floor_everything_looks_the_same(g1, backend, monkeypatch):
+    if backend == "egl" and not choice._works("egl"):
+        pytest.skip("no EGL on this machine")
+    model, data = g1
+    higher = compile_model(load_robot(), timestep_s=0.005, scene=Scene(1.5))
+    lifted = mujoco.MjData(higher)
+    lifted.qpos[:] = data.qpos
+    lifted.qpos[2] += 1.5
+    mujoco.mj_forward(higher, lifted)
+    pictures = [_picture(*place, backend, monkeypatch).astype(int) for place in ((model, data), (higher, lifted))]
+    assert (np.abs(pictures[0] - pictures[1]).max(-1) > 8).mean() < 0.01
 
 
 def test_a_robot_out_of_sight_or_behind_leaves_an_empty_scene(g1, monkeypatch):

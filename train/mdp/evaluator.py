@@ -75,15 +75,21 @@ class NoisyStartEvaluator:
         return {"score": sum(scores) / len(scores), "score_error": error / len(scores), **figures}
 
 
+def fall_height_m(*references: Reference) -> float:
+    """A root as low as this has fallen, whichever of the clips it tracks: a share of its height above the floor."""
+    return min(r.scene.floor_m + FALL_HEIGHT_SHARE * float(r.root_pos_w[0, 2] - r.scene.floor_m) for r in references)
+
+
 def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[str, EnvironmentSettings]:
     """Settings under which robots play from noisy starts until they fall: nominal and randomized ones."""
-    height = min(float(reference.root_pos_w[0, 2]) for reference in references) * FALL_HEIGHT_SHARE
     full = CurriculumSettings(start=1.0, easy=1.0, hard=1.0, factor=0.0)
     common = replace(
         settings,
         randomization=replace(settings.randomization, nominal_share=0.0),
         start=StartSettings(first_frame=1.0, joint_noise_rad=START_NOISE_RAD),
-        termination=TerminationSettings(terms={"tilt": {"limit": 2.0}, "height": {"min_m": height}}, max_episode_s=1e9),
+        termination=TerminationSettings(
+            terms={"tilt": {"limit": 2.0}, "height": {"min_m": fall_height_m(*references)}}, max_episode_s=1e9
+        ),
         anchor_time_s=None,
         clips=ClipSettings(in_turn=True),
     )

@@ -6,12 +6,11 @@ from dataclasses import replace
 import torch
 
 from core.errors import InputError
-from motion.feedforward import with_feedforward
 from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
-from motion.steering import with_steering
-from policy.observation import asks_for
+from motion.tables import with_tables
+from policy.observation import asks_for, reference_tables
 from robot.robot import Robot
 from train.batch import Device
 from train.mdp.command import Command
@@ -42,8 +41,9 @@ def build_environment(
     if isinstance(references, Reference):
         references = {"clip": references}
     scene = _shared_scene(references)
-    follows_goals = asks_for([settings.actor_group()], "goal_visible")
-    references = {name: _with_tables(reference, robot, settings) for name, reference in references.items()}
+    groups = [settings.actor_group()]
+    tables = reference_tables(groups)
+    references = {name: with_tables(robot, reference, tables) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
     )
@@ -60,16 +60,9 @@ def build_environment(
         randomization=settings.randomization_scale.start,
     )
     recovery = _recovery(settings, robot, scene, device) if settings.start.recovery.share > 0.0 else None
-    table = _table(robot, [*references.values()], device, goals=follows_goals)
+    table = _table(robot, [*references.values()], device, goals=asks_for(groups, "goal_visible"))
     command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
-
-
-def _with_tables(reference: Reference, robot: Robot, settings: EnvironmentSettings) -> Reference:
-    """With what the actor's terms look at besides."""
-    groups = [settings.actor_group()]
-    reference = with_feedforward(robot, reference) if asks_for(groups, "reference_feedforward") else reference
-    return with_steering(reference) if asks_for(groups, "goal_visible") else reference
 
 
 def _recovery(settings: EnvironmentSettings, robot: Robot, scene: Scene, device: Device) -> ReferenceTable:

@@ -13,7 +13,7 @@ from policy.actor import Actor, load_actor
 from robot.robot import Robot, load_robot
 from train.config import TrainConfig
 from train.folder import ACTOR_FILE, CLIP_FILE
-from train.mdp.evaluator import FALL_HEIGHT_SHARE
+from train.mdp.evaluator import fall_height_m
 from train.mdp.factory import build_environment
 from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
@@ -74,11 +74,7 @@ def _quiet(settings: EnvironmentSettings, reference: Reference) -> EnvironmentSe
         events={},
         start=StartSettings(first_frame=1.0),
         termination=TerminationSettings(
-            terms={
-                "tilt": {"limit": 2.0},
-                "height": {"min_m": FALL_HEIGHT_SHARE * float(reference.root_pos_w[0, 2])},
-            },
-            max_episode_s=1e9,
+            terms={"tilt": {"limit": 2.0}, "height": {"min_m": fall_height_m(reference)}}, max_episode_s=1e9
         ),
     )
 

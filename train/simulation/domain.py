@@ -5,48 +5,32 @@ from typing import Literal
 
 import torch
 
-from core.structured import at_least, ordered, positive, within
+from core.structured import positive, within
 from robot.robot import Robot
 from train.batch import Batch
+from world.domain import PhysicalRanges, Range
 
 
-@dataclass(frozen=True)
-class DomainRanges:
-    """Ranges of the draws. Scales are factors on the nominal value. Gains, torques and delay are drawn per episode.
+@dataclass(frozen=True, kw_only=True)
+class DomainRanges(PhysicalRanges):
+    """What differs between environments. Gains, torques and delay are drawn per episode.
 
-    ``torque_noise`` and ``torque_offset`` are fractions of each joint's torque limit; ``delay_s`` is the
-    control delay, in whole control steps if ``delay_whole_steps``; ``friction`` is the effective
-    sliding friction of foot on ground; ``sole_scale`` moves each point of a sole towards the sole's centre, as no two
-    contact models agree on where a flat foot bears; ``inertia_of`` names the links whose inertia differs: all that
-    masses differ of, or the ankles; ``nominal_share`` of the environments are nominal in all of this.
+    ``sole_scale`` moves each point of a sole towards the sole's centre, as no two contact models agree on where a flat
+    foot bears; ``inertia_of`` names the links whose inertia differs: all that masses differ of, or the ankles; the
+    delay is in whole control steps if ``delay_whole_steps``; ``nominal_share`` of the environments are nominal in all
+    of this.
     """
 
-    friction: tuple[float, float] = (1.0, 1.0)
-    sole_scale: tuple[float, float] = (1.0, 1.0)
-    kp_scale: tuple[float, float] = (1.0, 1.0)
-    kd_scale: tuple[float, float] = (1.0, 1.0)
-    mass_scale: tuple[float, float] = (1.0, 1.0)
-    inertia_scale: tuple[float, float] = (1.0, 1.0)
+    sole_scale: Range = (1.0, 1.0)
     inertia_of: Literal["all", "ankles"] = "all"
     nominal_share: float = 0.0
-    com_xy_m: float = 0.0
-    com_z_m: float = 0.0
-    torque_noise: float = 0.0
-    torque_noise_scale: tuple[float, float] = (0.5, 1.5)
-    torque_offset: float = 0.0
-    delay_s: tuple[float, float] = (0.0, 0.0)
     delay_whole_steps: bool = False
 
     def __post_init__(self) -> None:
-        where = "environment.randomization"
-        ranges = (f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple))
-        for name in ranges:
-            ordered(f"{where}.{name}", getattr(self, name))
-        for name in ("friction", "sole_scale", "mass_scale", "inertia_scale"):
-            positive(f"{where}.{name}[0]", getattr(self, name)[0])
-        within(f"{where}.nominal_share", self.nominal_share, 0.0, 1.0)
-        for name in ("com_xy_m", "com_z_m", "torque_noise", "torque_offset"):
-            at_least(f"{where}.{name}", getattr(self, name), 0.0)
+        """Check ranges."""
+        super().__post_init__()
+        positive("sole_scale[0]", self.sole_scale[0])
+        within("nominal_share", self.nominal_share, 0.0, 1.0)
 
     def with_friction_from(self, needed: float) -> "DomainRanges":
         """The same without friction below ``needed``; the range's end stays."""

@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper
 
 from core.clock import SimulatedClock
 from deploy.actor_run import ActorRun
@@ -18,19 +16,13 @@ from policy.actor import load_actor
 from policy.layouts import goals_actor_group
 from policy.metadata import write_metadata
 from policy.observation import entry_size, term_dims
-from policy.spec import ActorSpec, motion_info
-from tests.deploy.toys import JOINTS, PERIOD_S, ROBOT, SETTINGS, write_standing_actor
+from policy.spec import motion_info
+from tests.deploy.toys import BALANCE, JOINTS, PERIOD_S, ROBOT, SETTINGS, write_matrix_actor, write_standing_actor
 from world.options import load_sim_options
 
 GROUP = goals_actor_group("obs")
 DIMS = term_dims(JOINTS)
 SIZE = sum(len(entry.lags) * entry_size(entry, DIMS) for entry in GROUP.terms)
-BALANCE = {}
-for _side in ("left", "right"):
-    BALANCE |= {("projected_gravity", 0, f"{_side}_ankle_pitch_joint"): 3.0}
-    BALANCE |= {("base_ang_vel", 1, f"{_side}_ankle_pitch_joint"): 0.2}
-    BALANCE |= {("projected_gravity", 1, f"{_side}_ankle_roll_joint"): -2.0}
-    BALANCE |= {("base_ang_vel", 0, f"{_side}_ankle_roll_joint"): 0.2}
 # Speed forward, to the left, turn, and sine of the heading away, one joint each.
 SHOWN = ("left_shoulder_pitch_joint", "left_shoulder_roll_joint", "left_shoulder_yaw_joint", "left_elbow_joint")
 SHOWS = {("goal_steer", number, joint): 0.1 for number, joint in enumerate(SHOWN)}
@@ -53,26 +45,7 @@ def write_goal_actor(path: Path, everything: float = 0.0) -> Path:
     for (term, index, joint), weight in (BALANCE | SHOWS).items():
         scale = next(entry.scale for entry in GROUP.terms if entry.term == term)
         matrix[column(term).start + index, ROBOT.joint_names.index(joint)] += weight / 0.25 / scale
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
-        "linear",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, SIZE])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, JOINTS])],
-        [helper.make_tensor("weights", TensorProto.FLOAT, matrix.shape, matrix.ravel())],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), str(path))
-    spec = ActorSpec(
-        robot=ROBOT.name,
-        joint_names=ROBOT.joint_names,
-        default_pos_rad=ROBOT.default_pos_rad,
-        kp=ROBOT.kp,
-        kd=ROBOT.kd,
-        action_scale=np.full(JOINTS, 0.25),
-        action_clip=100.0,
-        control_period_s=PERIOD_S,
-        observations=(GROUP,),
-        follows="any_clip",
-    )
+    spec = write_matrix_actor(path, matrix, GROUP, follows="any_clip")
     write_metadata(path, spec)
     return path
 

@@ -10,6 +10,7 @@ from motion.report.trace import trace_clip
 from motion.report.warnings import WarningSettings, warnings_of
 from motion.retarget.clean import Change
 from tests.motion.report.verdicts import verdict_of
+from world.scene import Box, Scene
 
 KEYS = {
     "verdict", "reasons", "penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames",
@@ -34,6 +35,16 @@ def test_one_centimetre_up_or_down_is_ten_millimetres(standing_clip, record_of, 
     assert lower["penetration_mm"] - low["penetration_mm"] == pytest.approx(10.0, abs=2e-3)
     assert high["penetration_mm"] == low["floating_mm"] == 0.0
     assert high["floating_mm"] + low["penetration_mm"] == pytest.approx(130.0, abs=2e-3)  # 0.83 - 0.70 m
+
+
+def test_heights_are_those_above_the_scene(standing_clip, robot):
+    """A centimetre into the ground, as into a floor or a box half a metre higher."""
+    low = trace_clip(raised(standing_clip, 0.75), robot)
+    assert low.penetration_m.max() > 0.01
+    for scene in (Scene(0.5), Scene(0.0, (Box((0.0, 0.0, 0.25), (2.0, 2.0, 0.25)),))):
+        higher = trace_clip(raised(standing_clip, 1.25, scene=scene), robot)
+        assert higher.penetration_m == pytest.approx(low.penetration_m, abs=1e-4)
+        assert higher.lowest_sole_m == pytest.approx(low.lowest_sole_m, abs=1e-9)
 
 
 def test_sliding_is_the_worst_contact_of_either_foot(standing_clip, record_of):
