@@ -11,6 +11,7 @@ from deploy.actors import check_start, follows_goals, load_run, load_runs
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import GoalGuard
 from deploy.goals.option import GoalOption, parse_goal
+from deploy.goals.points import PointGuard
 from deploy.goals.script import ScriptGoal, Step, load_script
 from deploy.goals.steering import SteerGoal
 from deploy.goals.udp import UdpPort
@@ -73,7 +74,8 @@ class GoalDesk:
             return self._scripted(option, policy, guard)
         if option.source == "udp":
             port = self._listen(option, standing.dt_s)
-            return Followed((self._steered(policy, SteerGoal("udp", port, standing, guard)),))
+            points = PointGuard(self.settings.goals.points, self.robot, standing)
+            return Followed((self._steered(policy, SteerGoal("udp", port, standing, guard, points)),))
         sticks = Sticks(self.settings.goals, standing.dt_s)
         return Followed((self._steered(policy, SteerGoal("stick", sticks, standing, guard)),), sticks=sticks)
 

@@ -9,7 +9,7 @@ from core.errors import InputError
 from deploy.actors import load_run
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.script import ScriptGoal, load_script
-from deploy.goals.steering import STEERING, SteerGoal
+from deploy.goals.steering import SteerGoal
 from policy.goals import KINDS, PARTS, visible_in
 from tests.deploy.goals.toys import SHOWN, Hand, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, tilted
@@ -87,7 +87,7 @@ def test_a_steered_actor_sees_speeds_and_a_heading_from_where_it_looked(folder, 
     assert seen[0][steer] == pytest.approx([0.02, -0.016, 0.06, math.sin(0.0012), math.cos(0.0012)], abs=1e-6)
     angle = 0.02 * (0.06 + 0.12 + 0.18)
     assert seen[2][steer] == pytest.approx([0.06, -0.048, 0.18, math.sin(angle), math.cos(angle)], abs=1e-6)
-    assert seen[2][column("goal_visible")] == pytest.approx(STEERING)
+    assert seen[2][column("goal_visible")] == pytest.approx(visible_in("steer"))
     hidden = [
         column("reference_joint_error"), column("reference_heading"), column("reference_lin_vel"),
         column("goal_point", "head"), column("reference_gravity"),
