@@ -97,7 +97,9 @@ class GoalDesk:
                 assert isinstance(run.goals, ClipGoal)
                 runs.append(run)
                 clips.append(run.goals)
-        goal = ScriptGoal(path.stem, script, clips, self.stand.goals.setting, guard)
+        standing, settings = self.stand.goals.setting, self.settings.goals
+        points = PointGuard(settings.points, self.robot, standing)
+        goal = ScriptGoal(path.stem, script, clips, standing, settings, guard, points)
         return Followed((self._steered(policy, goal),), tuple(runs))
 
     def _clip_of(self, path: Path, number: int, step: Step, policy: str) -> ActorRun:
