@@ -16,6 +16,7 @@ from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeRig, FallWatch, simulated_rig
 from deploy.goals.guard import GoalGuard, Steer
+from deploy.goals.ranges import narrowed
 from deploy.goals.steering import SteerGoal
 from deploy.settings import GoalSettings, load_settings
 from hal.contract.types import RobotState
@@ -104,8 +105,9 @@ def play_steered(request: EvaluationRequest, policy: str, episode: int) -> Steer
     """One episode of 20 s from the stand pose; all chance of it is the request's."""
     robot, settings, rng = load_robot(), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
-    guard = GoalGuard(settings.goals, stand.period_s)
-    stick = RandomStick(settings.goals, stand.period_s, rng)
+    goals, _ = narrowed(settings.goals, read_metadata(resolve_actor(policy)).spec.provenance)
+    guard = GoalGuard(goals, stand.period_s)
+    stick = RandomStick(goals, stand.period_s, rng)
     goal = SteerGoal("random stick", stick, stand.goals.setting, guard)
     assert stand.clip is not None
     actor = load_actor(policy, robot, motion_info(stand.clip, goal.name, goal.start_pose_rad))

@@ -22,12 +22,12 @@ from deploy.safety.rules import Asked
 from deploy.settings import GoalSettings
 from motion.clip import Clip
 from motion.reference import Reference
+from motion.steering import AXES
 from policy.goals import visible_in
 
 SHORTEST_REST_S = 1.0
 SHORTEST_M = 0.2  # way from one point to the next
 LONGEST_S = 3600.0
-AXES = ("forward", "left", "turn")
 
 
 @dataclass(frozen=True)

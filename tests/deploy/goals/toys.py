@@ -47,7 +47,7 @@ def column(term: str, of: str = "") -> slice:
     raise KeyError(term)
 
 
-def write_goal_actor(path: Path, everything: float = 0.0) -> Path:
+def write_goal_actor(path: Path, everything: float = 0.0, provenance: dict | None = None) -> Path:
     """target = default + what BALANCE and SHOWS say + everything times a fixed random matrix times the observation."""
     matrix = everything * np.random.default_rng(0).normal(size=(SIZE, JOINTS)).astype(np.float32)
     for (term, index, joint), weight in (BALANCE | SHOWS).items():
@@ -72,6 +72,7 @@ def write_goal_actor(path: Path, everything: float = 0.0) -> Path:
         control_period_s=PERIOD_S,
         observations=(GROUP,),
         follows="any_clip",
+        provenance=provenance or {},
     )
     write_metadata(path, spec)
     return path
