@@ -114,8 +114,8 @@ class SteerGoal:
 
     def start(self) -> None:
         """See GoalSource."""
-        self._pilot.start()
         self._guard.start()
+        self._pilot.start()
         self._rows.start()
         self._gives_way = False
 

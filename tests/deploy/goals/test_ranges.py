@@ -107,6 +107,7 @@ def test_a_run_says_its_limits_and_a_script_has_to_keep_to_them(actors, tmp_path
 
 def test_the_random_stick_of_an_evaluation_keeps_to_it_too(actors, monkeypatch):
     asked = []
-    monkeypatch.setattr("sim2sim.steered._episode", lambda rig, run, stand, guard, rng, noise: asked.append(guard))
-    play_steered(EvaluationRequest(("x",)), str(write_goal_actor(actors / "slow.onnx", provenance=SLOW)), 0)
+    monkeypatch.setattr("sim2sim.steered._episode", lambda rig, run, *rest: asked.append(run.goals._guard))
+    policy = str(write_goal_actor(actors / "slow.onnx", provenance=SLOW))
+    play_steered(EvaluationRequest(("x",), goal="steer"), policy, 0)
     assert asked[0]._low.tolist() == [-0.1, 0.0, -0.5] and asked[0]._high.tolist() == [0.6, 0.2, 0.5]
