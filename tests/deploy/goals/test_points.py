@@ -11,6 +11,7 @@ from core.errors import InputError
 from core.rotations import quat_from_rotvec, quat_mul, quat_rotate, quat_rotate_inverse
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
+from deploy.control.states import Mode
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.message import LARGEST, decode, encode, encode_points
@@ -22,7 +23,7 @@ from motion.reference import Reference
 from motion.steering import steering_of
 from policy.goals import visible_in
 from tests.deploy.goals.test_udp import Sender
-from tests.deploy.goals.toys import Hand, column, standing_run, write_goal_actor
+from tests.deploy.goals.toys import Hand, Stage, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state
 
 POINTS = SETTINGS.goals.points
@@ -247,27 +248,31 @@ def test_a_recorded_clip_by_datagrams_is_seen_a_moment_ahead_and_roughly_farther
     assert hand_mm[2] < 0.8 * 1e3 * np.mean(ways)
 
 
+def hostile(rng, number):
+    """A datagram: of either version and any kind, huge, jumping, damaged, cut; None: nothing comes."""
+    scale = 10.0 ** rng.integers(-3, 30) if rng.random() < 0.4 else 1.0
+    right, left, head, speeds = (vector.tolist() for vector in rng.normal(0.0, scale, (4, 3)))
+    quat = rng.normal(size=4)
+    quat = (quat if rng.random() < 0.2 else quat / np.linalg.norm(quat)).tolist()
+    others = (left, head, quat) if rng.random() < 0.7 else ()
+    good = encode(number, *speeds) if rng.random() < 0.2 else encode_points(number, speeds, right, *others)
+    damaged = bytearray(good)
+    if rng.random() < 0.3:
+        damaged[rng.integers(len(good))] = rng.integers(256)
+        damaged = damaged[: rng.integers(len(good) + 1)] + rng.bytes(rng.integers(3))
+    return bytes(damaged) if rng.random() < 0.9 else None
+
+
 def test_a_thousand_hostile_datagrams_leave_all_within_ranges_and_rates(folder, stand, port, sender):
-    """Damaged, huge, jumping, of every kind, none at all; heading and speeds likewise. No exception leaves the loop."""
     rng = np.random.default_rng(11)
     points = PointGuard(POINTS, ROBOT, stand.goals.setting)
-    speeds = GoalGuard(SETTINGS.goals, PERIOD_S)
-    goal = SteerGoal("udp", port, stand.goals.setting, speeds, points)
+    goal = SteerGoal("udp", port, stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
     run = ActorRun(load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor, ROBOT, SETTINGS.entry, goal)
     run.start()
     rates, before, moved = np.array([2.5, 2.5, 1.0, 2.5]) * PERIOD_S, points.values, 0
     for number in range(1000):
-        scale = 10.0 ** rng.integers(-3, 30) if rng.random() < 0.4 else 1.0
-        values = [vector.tolist() for vector in rng.normal(0.0, scale, (4, 3))]
-        quat = rng.normal(size=4) / (1.0 if rng.random() < 0.2 else 2.0)
-        quat = (quat if rng.random() < 0.3 else quat / np.linalg.norm(quat)).tolist()
-        good = encode_points(number, values[0], *values[1:], quat) if rng.random() < 0.7 else encode(number, *values[0])
-        damaged = bytearray(good)
-        if rng.random() < 0.3:
-            damaged[rng.integers(len(good))] = rng.integers(256)
-            damaged = damaged[: rng.integers(len(good) + 1)] + rng.bytes(rng.integers(3))
-        if rng.random() < 0.9:
-            sender.raw(bytes(damaged))
+        if (datagram := hostile(rng, number)) is not None:
+            sender.raw(datagram)
         output = run.act(state(imu_quat_wxyz=turn_about_z(rng.uniform(-3, 3))))
         assert np.isfinite(output.action).all() and np.isfinite(output.observation["obs"]).all()
         assert (points.values >= LOW).all() and (points.values <= HIGH).all()
@@ -277,6 +282,30 @@ def test_a_thousand_hostile_datagrams_leave_all_within_ranges_and_rates(folder, 
         moved += not np.array_equal(points.values, before)
         before = points.values
     assert moved > 500 and port.counts["taken"] > 300 and port.counts["malformed"] > 100
+
+
+def test_a_robot_in_the_loop_stands_through_a_thousand_hostile_datagrams_and_after_them(actors, port, sender):
+    """20 s of them in MuJoCo, then silence: HOLD, no fault, and no torque beyond the limits."""
+    stage, rng = Stage(actors), np.random.default_rng(12)
+    setting = stage.stand.goals.setting
+    points = PointGuard(POINTS, ROBOT, setting)
+    run = stage.cell.machine.tracked[0]
+    run.goals = SteerGoal("udp", port, setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
+    kinds = set()
+
+    def send(tick):
+        kinds.add(points.kind)
+        if 0 < tick <= 1000 and (datagram := hostile(rng, tick)) is not None:
+            sender.raw(datagram)
+        return Steer(0.0, 0.0, 0.0)
+
+    stage.steer = send
+    stage.run()
+    assert stage.cell.machine.fault is None and stage.tracked >= 1000 and kinds == {"steer", "reach", "vr3"}
+    assert stage.modes[-3:] == [Mode.HOLD, Mode.LOWERING, Mode.DAMPING] and port.counts["malformed"] > 100
+    for command, reading in zip(stage.commands, stage.states):
+        torque = command.kp * (command.q_rad - reading.joint_pos_rad) - command.kd * reading.joint_vel_rad_s
+        assert np.isfinite(command.q_rad).all() and (np.abs(torque) <= ROBOT.torque_limit_nm + 1e-6).all()
 
 
 def test_a_range_that_is_none_is_refused():
