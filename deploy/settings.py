@@ -187,6 +187,40 @@ class AxisSettings:
 
 
 @dataclass(frozen=True)
+class PointRange:
+    """Where a point of the body may be asked for, m, or how it may be turned, rad; its fastest change a second."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    per_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            at_least(f"high[{axis}]", high, low)
+        positive("per_s", self.per_s)
+
+
+@dataclass(frozen=True)
+class PointSettings(Checked):
+    """Points of the body that may be asked for, from the floor under the root, in its heading.
+
+    ahead_s: for how much time of its speed a point is taken to go on.
+    """
+
+    right_hand: PointRange
+    left_hand: PointRange
+    head: PointRange
+    head_turn: PointRange
+    ahead_s: float
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        positive("ahead_s", self.ahead_s)
+
+
+@dataclass(frozen=True)
 class GoalSettings(Checked):
     """What may be asked of an actor that is steered, and when it stops."""
 
@@ -200,6 +234,7 @@ class GoalSettings(Checked):
     rest_s: float
     dead_zone: float
     keys_hold_s: float
+    points: PointSettings
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""

@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from motion.metrics import METRIC_KEYS, over_episodes
 from sim2sim.episode import EpisodeScore
+from sim2sim.goal_scores import GOAL_DEFINITIONS
 
 
 @dataclass(frozen=True)
@@ -31,14 +33,16 @@ def worst_frame(episodes: Sequence[EpisodeScore]) -> WorstFrame | None:
     return worst
 
 
-def run_document(policy_sha256: str, motion: str, sim: str, episodes: Sequence[EpisodeScore]) -> dict:
-    """The JSON object of one policy's evaluation."""
+def run_document(policy_sha256: str, motion: str, sim: str, episodes: Sequence[EpisodeScore]) -> dict[str, Any]:
+    """The JSON object of one policy's evaluation; of an actor that follows goals it has the scores of goals besides."""
     summary = over_episodes([episode.scores for episode in episodes])
+    success = summary.pop("success", None)
     return {
         "policy_sha256": policy_sha256,
         "motion": motion,
         "sim": sim,
         "episodes": len(episodes),
         "survival_rate": survival_rate(episodes),
-        "metrics": {key: summary[key] for key in METRIC_KEYS},
+        **({} if success is None else {"success_rate": success["mean"]}),
+        "metrics": {key: summary[key] for key in (*METRIC_KEYS, *(key for key in GOAL_DEFINITIONS if key in summary))},
     }

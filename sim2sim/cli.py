@@ -14,7 +14,7 @@ from sim2sim.evaluation import Evaluation, evaluate
 from sim2sim.player import Player
 from sim2sim.progress import Progress
 from sim2sim.request import EvaluationRequest
-from sim2sim.steered import evaluate_steered, steered_table
+from sim2sim.steered import TASKS, evaluate_steered, steered_table
 from sim2sim.stress import load_conditions, stress, stress_document, stress_table
 from sim2sim.table import clip_table, format_table
 from world.model import check_meshes
@@ -35,7 +35,9 @@ def build_parser() -> ArgumentParser:
         metavar="FILE",
         help="clip for an actor that carries none, a folder of clips, or a manifest; give several for a row each",
     )
-    shown = "what an actor that follows goals is shown of the clip (full); steer without --motion: a random stick, 20 s"
+    shown = (
+        "what an actor that follows goals is shown of the clip (full); without --motion steer, path, reach: by chance"
+    )
     add("--goal", choices=tuple(KINDS), default="full", help=shown)
     add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
@@ -91,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_meshes(load_robot(), options.meshes)
     if options.stress:
         _stress(options)
-    elif options.goal == "steer" and not options.motion:
+    elif options.goal in TASKS and not options.motion:
         _steer(options)
     else:
         _run(request_of(options), _writers(options))
@@ -112,10 +114,10 @@ def _stress(options: argparse.Namespace) -> None:
 
 
 def _steer(options: argparse.Namespace) -> None:
-    """A random stick has no reference, so there are neither pictures nor a clip's first frame."""
+    """What is steered by chance has no reference, so there are neither pictures nor a clip's first frame."""
     for name in ("video", "report", "stress"):
         if getattr(options, name):
-            raise InputError(f"--{name} does not go with a random stick", hint="give --motion besides --goal steer")
+            raise InputError(f"--{name} does not go with {TASKS[options.goal]}", hint="give --motion besides --goal")
     request = request_of(options)
     progress = Progress(request.episodes * len(request.policies))
     documents = evaluate_steered(request, lambda score: progress.count(ended_early=score.ended != "completed"))

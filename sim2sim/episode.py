@@ -9,7 +9,8 @@ import numpy as np
 class EpisodeScore:
     """One episode, T steps long (T = 0 when it ended before its first scored step).
 
-    scores: mean over steps by key of `motion.metrics.METRIC_KEYS`, None where it cannot be known.
+    scores: mean over steps by key of `motion.metrics.METRIC_KEYS`, None where it cannot be known; of an actor that
+    follows goals also those of `sim2sim.goal_scores.GOAL_DEFINITIONS` that its kind of goal has.
     ended: "completed", "fall" or the name of the safety rule that tripped.
     body_error_mm (T,27): distance of each tracked point from the reference, world frame. joint_error_rad (T,J).
     qpos, ref_qpos (T,7+J): root position, root quaternion wxyz and joints, of the robot and of the aligned reference.

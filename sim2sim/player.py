@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import InputError
-from deploy.actors import load_run, load_runs
+from deploy.actors import follows_goals, load_run, load_runs
 from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
 from deploy.settings import load_settings
 from motion.clip_set import open_clips
-from robot.robot import load_robot
+from robot.robot import Robot, load_robot
 from sim2sim.episode import EpisodeScore
+from sim2sim.goal_scores import goal_scores
 from sim2sim.request import EvaluationRequest
 
 STAND_ACTOR = "stand"
@@ -61,7 +62,8 @@ class Player:
             start=Start(request.start),
             start_noise_rad=request.start_noise_rad,
         )
-        return score_of(result)
+        kind = request.goal if follows_goals(self.runs[run].actor.spec) else None
+        return score_of(result, self.robot, kind)
 
 
 def run_names(policies: Sequence[str]) -> list[str]:
@@ -73,22 +75,26 @@ def run_names(policies: Sequence[str]) -> list[str]:
     ]
 
 
-def score_of(result: EpisodeResult) -> EpisodeScore:
-    """What tables and plots need of a played episode."""
+def score_of(result: EpisodeResult, robot: Robot, kind: str | None) -> EpisodeScore:
+    """What tables and plots need of a played episode. kind: what an actor that follows goals was shown."""
     ended = "completed"
     if result.fell or result.outcome == "failed":
         ended = "fall" if result.fault is None else result.fault.partition(":")[0]
     performance = result.performance
     if performance is None or result.track is None or result.reference is None:
         nothing = np.zeros((0, 1), dtype=np.float32)
-        return EpisodeScore(result.metrics, ended, nothing, nothing, nothing, nothing)
+        failed = {} if kind is None else {"success": 0.0}
+        return EpisodeScore({**result.metrics, **failed}, ended, nothing, nothing, nothing, nothing)
+    scores = dict(result.metrics)
+    if kind is not None:
+        scores |= goal_scores(result.track, result.reference, kind, robot, completed=ended == "completed")
     rows = slice(1, performance.num_steps + 1)
     reference, heading = performance.reference, performance.heading
     wanted = (heading.points(reference.root_pos_w[rows]), heading.rotations(reference.root_quat_wxyz[rows]))
     done = (np.array(performance.root_pos_w), np.array(performance.root_quat_wxyz))
     body_error_m = np.linalg.norm(result.track.body_pos_w - result.reference.body_pos_w, axis=-1)
     return EpisodeScore(
-        scores=result.metrics,
+        scores=scores,
         ended=ended,
         body_error_mm=(1e3 * body_error_m).astype(np.float32),
         joint_error_rad=(result.track.joint_pos_rad - result.reference.joint_pos_rad).astype(np.float32),

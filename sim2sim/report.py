@@ -6,9 +6,9 @@ from pathlib import Path
 
 from core.files import replacing
 from sim2sim import plots
-from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
+from sim2sim.definitions import AVERAGING, SUCCESS, SURVIVAL, scores_in
 from sim2sim.evaluation import Evaluation, Run
-from sim2sim.table import format_value
+from sim2sim.table import format_value, percent
 from sim2sim.video import open_stage, strip
 from view import page as part
 
@@ -72,10 +72,12 @@ def _scores(runs: Sequence[Run]) -> str:
         ("actor", [run.name for run in runs], "", "name or file"),
         ("SHA-256", [document["policy_sha256"][:16] for document in documents], "", "of the file, its first 16 digits"),
         ("motion", [document["motion"] for document in documents], "", ""),
-        ("survival", [f"{100 * document['survival_rate']:.1f}" for document in documents], "%", survival_meaning),
+        ("survival", [percent(document, "survival_rate") for document in documents], "%", survival_meaning),
     ]
-    for score in SCORES:
-        values = [format_value(document["metrics"][score.key]) for document in documents]
+    if any("success_rate" in document for document in documents):
+        rows.append(("success", [percent(document, "success_rate") for document in documents], "%", SUCCESS))
+    for score in scores_in(documents):
+        values = [format_value(document["metrics"].get(score.key)) for document in documents]
         rows.append((score.label, values, score.unit, score.meaning))
     cells = [(label, *values, unit, meaning) for label, values, unit, meaning in rows]
     return part.table(cells, numbers=range(1, 1 + len(runs)), named=True) + part.paragraph(AVERAGING, "small")

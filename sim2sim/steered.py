@@ -1,4 +1,4 @@
-"""An actor that is steered by a random stick: does it stand, and does it go where it is told?"""
+"""An actor that is steered by chance: does it stand, and does it do what it is told?"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,42 +15,25 @@ from deploy.control.states import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeRig, FallWatch, simulated_rig
-from deploy.goals.guard import GoalGuard, Steer
-from deploy.goals.steering import SteerGoal
-from deploy.settings import GoalSettings, load_settings
+from deploy.goals.guard import GoalGuard
+from deploy.goals.points import PointGuard
+from deploy.goals.ranges import narrowed
+from deploy.goals.steering import Pilot, SteerGoal
+from deploy.settings import load_settings
 from hal.contract.types import RobotState
 from policy.actor import load_actor, resolve_actor
 from policy.metadata import read_metadata
 from policy.spec import motion_info
-from robot.robot import load_robot
+from robot.robot import Robot, load_robot
+from sim2sim.pilots import RandomPath, RandomReach, RandomStick, away_m
 from sim2sim.request import EvaluationRequest
 
 EPISODE_S = 20.0
-KEEPS_S = (2.0, 4.0)  # how long the stick stays where it is
-RESTS = 0.2  # share of the times in which it is at rest
 GAIT_S = 1.0  # speeds are compared as means over so long: a walk sways
-
-
-class RandomStick:
-    """A pilot that moves a stick to a random place every few seconds."""
-
-    def __init__(self, settings: GoalSettings, period_s: float, rng: np.random.Generator) -> None:
-        self._low, self._high = (np.array([getattr(axis, end) for axis in settings.axes]) for end in ("low", "high"))
-        self._period_s, self._rng = period_s, rng
-        self.start()
-
-    def start(self) -> None:
-        """See Pilot."""
-        self._left_ticks, self._now = 0, Steer(0.0, 0.0, 0.0)
-
-    def next(self) -> Steer:
-        """See Pilot."""
-        if self._left_ticks == 0:
-            self._left_ticks = round(self._rng.uniform(*KEEPS_S) / self._period_s)
-            rests = self._rng.uniform() < RESTS
-            self._now = Steer(*(np.zeros(3) if rests else self._rng.uniform(self._low, self._high)).tolist())
-        self._left_ticks -= 1
-        return self._now
+# By the kind of goal: who steers, and the key of what is measured besides speed and heading.
+TASKS = {"steer": "a random stick", "path": "a random path", "reach": "random places of the right hand"}
+AWAY = {"path_error_m": "off its path by", "reach_error_m": "right hand off its place by"}
+ERRORS = {"path": "path_error_m", "reach": "reach_error_m"}
 
 
 @dataclass(frozen=True)
@@ -58,68 +41,96 @@ class SteeredScore:
     """One episode. ended: "completed", "fall" or the safety rule that tripped; seconds: how long it lasted.
 
     speed_error_m_s: mean distance of the speed over the ground from what the guard let through, both over 1 s.
-    heading_error_rad: mean angle from the heading asked for.
+    heading_error_rad: mean angle from the heading asked for. away_m: mean distance of the root from the path, or of the
+    right hand from where the guard let it be, seen from below the root; nan where neither is asked for.
     """
 
     ended: str
     seconds: float
     speed_error_m_s: float
     heading_error_rad: float
+    away_m: float = float("nan")
 
 
 class _Watch:
-    """What the guard let through beside what the robot did, tick by tick, in the heading frame asked for."""
+    """What the guards let through beside what the robot did, tick by tick, in the heading frame asked for.
 
-    def __init__(self, guard: GoalGuard) -> None:
-        self._guard = guard
+    place_m: (2,) where the robot is, from where it began and in the heading it had there. points: of the right hand.
+    path_m (N, 2): what it shall walk along.
+    """
+
+    def __init__(self, guard: GoalGuard, robot: Robot, points: PointGuard | None = None) -> None:
+        self._guard, self._robot, self._points = guard, robot, points
         self._yaw_rad: float | None = None
+        self._began_w = np.zeros(2)
+        self.place_m = np.zeros(2)
+        self.path_m: np.ndarray | None = None
         self.asked: list[np.ndarray] = []
         self.done: list[np.ndarray] = []
         self.off_rad: list[float] = []
+        self.away_m: list[float] = []
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
         if state is None or state.truth is None or result.mode is not Mode.TRACKING:
             return
-        yaw_rad = float(yaw_of(state.truth.root_quat_wxyz))
-        self._yaw_rad = yaw_rad if self._yaw_rad is None else self._yaw_rad
+        truth = state.truth
+        yaw_rad = float(yaw_of(truth.root_quat_wxyz))
+        if self._yaw_rad is None:
+            self._yaw_rad, self._began_w = yaw_rad, truth.root_pos_w[:2].copy()
         heading_rad = self._yaw_rad + self._guard.heading_rad
-        cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
-        x, y = state.truth.root_lin_vel_w[:2]
         self.asked.append(self._guard.speeds[:2].copy())
-        self.done.append(np.array([cosine * x + sine * y, -sine * x + cosine * y]))
+        self.done.append(_turned(truth.root_lin_vel_w[:2], -heading_rad))
         self.off_rad.append(abs(float(np.angle(np.exp(1j * (yaw_rad - heading_rad))))))
+        self.place_m = _turned(truth.root_pos_w[:2] - self._began_w, -self._yaw_rad)
+        if self.path_m is not None:
+            self.away_m.append(away_m(self.place_m, self.path_m))
+        if self._points is not None and self._points.kind == "reach":
+            root_w, hand = truth.root_pos_w, self._points.columns[0]
+            bodies = self._robot.kinematics.forward(root_w, truth.root_quat_wxyz, truth.joint_pos_rad)
+            seen = bodies.pos_w[hand] - root_w * [1.0, 1.0, 0.0]
+            seen[:2] = _turned(seen[:2], -heading_rad)
+            self.away_m.append(float(np.linalg.norm(seen - self._points.values[0])))
 
-    def errors(self, period_s: float) -> tuple[float, float]:
-        """Of speed, m/s, and heading, rad; nan where nothing lasted long enough."""
-        width = round(GAIT_S / period_s)
+    def errors(self, period_s: float) -> tuple[float, float, float]:
+        """Of speed, m/s, heading, rad, and place, m; nan where nothing lasted long enough or was asked for."""
+        nothing, width = float("nan"), round(GAIT_S / period_s)
         if len(self.asked) < width:
-            return float("nan"), float("nan")
+            return nothing, nothing, nothing
         off = np.cumsum(np.vstack([np.zeros(2), np.array(self.done) - np.array(self.asked)]), axis=0)
         means = (off[width:] - off[:-width]) / width
-        return float(np.linalg.norm(means, axis=1).mean()), float(np.mean(self.off_rad))
+        away = float(np.mean(self.away_m)) if self.away_m else nothing
+        return float(np.linalg.norm(means, axis=1).mean()), float(np.mean(self.off_rad)), away
 
 
 def play_steered(request: EvaluationRequest, policy: str, episode: int) -> SteeredScore:
-    """One episode of 20 s from the stand pose; all chance of it is the request's."""
+    """One episode of 20 s from the stand pose; all chance of it is the request's, which names the kind of goal."""
     robot, settings, rng = load_robot(), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
-    guard = GoalGuard(settings.goals, stand.period_s)
-    stick = RandomStick(settings.goals, stand.period_s, rng)
-    goal = SteerGoal("random stick", stick, stand.goals.setting, guard)
+    standing, period_s = stand.goals.setting, stand.period_s
+    goals, _ = narrowed(settings.goals, read_metadata(resolve_actor(policy)).spec.provenance)
+    guard, points = GoalGuard(goals, period_s), PointGuard(goals.points, robot, standing)
+    watch = _Watch(guard, robot, points)
+    pilot: Pilot = RandomStick(goals, period_s, rng)
+    if request.goal == "reach":
+        pilot = RandomReach(goals.points.right_hand, period_s, rng)
+    if request.goal == "path":
+        pilot = path = RandomPath(goals, guard, period_s, EPISODE_S, rng, lambda: watch.place_m)
+        watch.path_m = path.points_m
+    goal = SteerGoal(TASKS[request.goal], pilot, standing, guard, points)
     assert stand.clip is not None
     actor = load_actor(policy, robot, motion_info(stand.clip, goal.name, goal.start_pose_rad))
     run = ActorRun(actor, robot, settings.entry, goal)
     rig = simulated_rig(robot, settings, run, request.sim_options(), sim_model=request.sim_model)
     with rig.backend:
-        return _episode(rig, run, stand, guard, rng, request.start_noise_rad)
+        return _episode(rig, run, stand, watch, rng, request.start_noise_rad)
 
 
 def _episode(
     rig: EpisodeRig,
     run: ActorRun,
     stand: ActorRun,
-    guard: GoalGuard,
+    watch: _Watch,
     rng: np.random.Generator,
     noise_rad: float,
 ) -> SteeredScore:
@@ -127,7 +138,7 @@ def _episode(
     first = stand.goals.setting
     joints = first.joint_pos_rad[0] + rng.normal(0.0, noise_rad, rig.robot.num_joints)
     rig.backend.reset_to(first.root_pos_w[0], first.root_quat_wxyz[0], joints, rng=rng)
-    falls, watch = FallWatch(rig.backend), _Watch(guard)
+    falls = FallWatch(rig.backend)
     plan = cell.start_tracking()
     cell.loop(rig.backend, rig.clock, plan=plan, observers=[falls, watch], duration_s=EPISODE_S).run()
     fault = cell.machine.fault
@@ -153,10 +164,11 @@ def evaluate_steered(
 
 def _document(policy: str, request: EvaluationRequest, scores: Sequence[SteeredScore]) -> dict[str, Any]:
     lasted = [score for score in scores if score.ended == "completed"]
+    key = ERRORS.get(request.goal)
     ends = [score.ended for score in scores if score.ended != "completed"]
     return {
         "policy": policy,
-        "goal": "a random stick",
+        "goal": TASKS[request.goal],
         "sim": request.sim,
         "episodes": len(scores),
         "survival_rate": len(lasted) / len(scores),
@@ -164,7 +176,13 @@ def _document(policy: str, request: EvaluationRequest, scores: Sequence[SteeredS
         "minutes": sum(score.seconds for score in scores) / 60.0,
         "speed_error_m_s": float(np.nanmean([score.speed_error_m_s for score in scores])),
         "heading_error_rad": float(np.nanmean([score.heading_error_rad for score in scores])),
+        **({} if key is None else {key: float(np.nanmean([score.away_m for score in scores]))}),
     }
+
+
+def _turned(vector: np.ndarray, angle_rad: float) -> np.ndarray:
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1]])
 
 
 def steered_table(documents: Sequence[dict[str, Any]]) -> str:
@@ -176,5 +194,6 @@ def steered_table(documents: Sequence[dict[str, Any]]) -> str:
             f"{d['policy']}: {100 * d['survival_rate']:.1f} % of {d['episodes']} episodes of {EPISODE_S:g} s completed",
             f"  ended early: {early}",
             f"  off by {d['speed_error_m_s']:.3f} m/s and {d['heading_error_rad']:.3f} rad of heading",
+            *(f"  {words} {d[key]:.3f} m" for key, words in AWAY.items() if key in d),
         ]
     return "\n".join(lines)

@@ -8,7 +8,7 @@ from typing import Any
 
 from core.command import guarded
 from core.errors import InputError
-from sim2sim.definitions import AVERAGING, SCORES, SURVIVAL
+from sim2sim.definitions import AVERAGING, GOAL_SCORES, SUCCESS, SURVIVAL, scores_in
 
 Document = Mapping[str, Any]
 
@@ -18,9 +18,10 @@ def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     rows = [("", *names, "unit", "")]
     if any("outcome" in document for document in documents):
         rows.append(("outcome", *(str(d.get("fault") or d.get("outcome", "")) for d in documents), "", ""))
-    if any("survival_rate" in document for document in documents):
-        rows.append(("survival", *(_survival(document) for document in documents), "%", _survival_meaning(documents)))
-    for score in SCORES:
+    for rate, meaning in (("survival", _survival_meaning(documents)), ("success", SUCCESS)):
+        if any(f"{rate}_rate" in document for document in documents):
+            rows.append((rate, *(percent(document, f"{rate}_rate") for document in documents), "%", meaning))
+    for score in scores_in(documents):
         cells = tuple(format_value(document["metrics"].get(score.key)) for document in documents)
         rows.append((score.label, *cells, score.unit, score.meaning))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
@@ -29,17 +30,20 @@ def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
 
 
 CLIP_SCORES = ("episode_length_ratio", "eg_mpbpe_mm", "empbpe_mm", "empjpe_mrad")
+CLIP_RATES = {"survival_rate": "completed %", "success_rate": "success %"}
 
 
 def clip_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     """One row a clip, and one of their means: episodes completed, their length, errors until their end."""
-    scores = {score.key: score for score in SCORES}
-    labels = [f"{scores[key].label} {scores[key].unit}".strip() for key in CLIP_SCORES]
-    rows = [("clip", "completed %", *labels)]
+    scores = {score.key: score for score in scores_in(documents)}
+    keys = [*CLIP_SCORES, *(score.key for score in scores.values() if score in GOAL_SCORES)]
+    rates = [rate for rate in CLIP_RATES if any(rate in document for document in documents)]
+    labels = [f"{scores[key].label} {scores[key].unit}".strip() for key in keys]
+    rows = [("clip", *(CLIP_RATES[rate] for rate in rates), *labels)]
     for name, document in zip(names, documents, strict=True):
-        cells = (format_value(document["metrics"].get(key)) for key in CLIP_SCORES)
-        rows.append((name, _survival(document), *cells))
-    rows.append((f"all {len(documents)}", *_means(documents)))
+        cells = (format_value(document["metrics"].get(key)) for key in keys)
+        rows.append((name, *(percent(document, rate) for rate in rates), *cells))
+    rows.append((f"all {len(documents)}", *_means(documents, rates, keys)))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return "\n".join(
         "  ".join(
@@ -49,13 +53,14 @@ def clip_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     )
 
 
-def _means(documents: Sequence[Document]) -> list[str]:
-    """Of the clips, each counting alike."""
-    means = [100.0 * sum(d["survival_rate"] for d in documents) / len(documents)]
-    for key in CLIP_SCORES:
+def _means(documents: Sequence[Document], rates: Sequence[str], keys: Sequence[str]) -> list[str]:
+    """Of the clips that have it, each counting alike."""
+    shares = [[d[rate] for d in documents if rate in d] for rate in rates]
+    cells = [f"{100.0 * sum(known) / len(known):.1f}" for known in shares]
+    for key in keys:
         known = [d["metrics"][key]["mean"] for d in documents if d["metrics"].get(key)]
-        means.append(sum(known) / len(known) if known else float("nan"))
-    return [f"{means[0]:.1f}", *(format_value({"mean": mean, "std": 0.0}) for mean in means[1:])]
+        cells.append(format_value({"mean": sum(known) / len(known) if known else float("nan"), "std": 0.0}))
+    return cells
 
 
 def format_value(value: Mapping[str, float] | None) -> str:
@@ -65,6 +70,11 @@ def format_value(value: Mapping[str, float] | None) -> str:
     digits = 1 if abs(value["mean"]) >= 10 else 3
     deviation = f" ± {value['std']:.{digits}f}" if value["std"] else ""
     return f"{value['mean']:.{digits}f}{deviation}"
+
+
+def percent(document: Document, rate: str) -> str:
+    """A share of the episodes, or a dash where it is not known."""
+    return f"{100 * document[rate]:.1f}" if rate in document else "-"
 
 
 def read_documents(path: Path) -> list[Document]:
@@ -77,10 +87,6 @@ def read_documents(path: Path) -> list[Document]:
     if not documents or not all(isinstance(d, dict) and isinstance(d.get("metrics"), dict) for d in documents):
         raise InputError("no scores in this file", where=path, expected="JSON of sim2sim/evaluate or deploy/run")
     return documents
-
-
-def _survival(document: Document) -> str:
-    return f"{100 * document['survival_rate']:.1f}" if "survival_rate" in document else "-"
 
 
 def _survival_meaning(documents: Sequence[Document]) -> str:

@@ -16,6 +16,7 @@ from motion.clip import load_clip, save_clip
 from motion.envelope import TRAINED_ON, envelope_of
 from motion.reference import Reference, build_reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
+from motion.steering import STEERED_ON, steering_range
 from policy.observation import asks_for
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
@@ -183,13 +184,15 @@ def _restore(runner: Runner, setup: Setup) -> None:
 
 
 def _learned_from(setup: Setup) -> dict[str, Any]:
-    """Of a clip set: the clips, to give credit, and their range, by which an actor tells what it does not know."""
+    """Of a clip set: the clips, to give credit, and their ranges, by which an actor tells what it does not know."""
     clips = [
         {"name": named.name, "source": named.clip.source, "license": named.clip.license, "sha256": named.clip.sha256}
         for named in setup.clips
     ]
-    envelope = envelope_of(setup.references.values(), setup.robot)
-    return {"clips": clips, TRAINED_ON: envelope} if clips else {TRAINED_ON: envelope}
+    facts: dict[str, Any] = {TRAINED_ON: envelope_of(setup.references.values(), setup.robot)}
+    if asks_for([setup.config.environment.actor_group()], "goal_visible"):
+        facts[STEERED_ON] = steering_range(setup.references.values())
+    return {"clips": clips, **facts} if clips else facts
 
 
 def _blind_spots(setup: Setup, learner: Learner, runner: Runner, progress: TrainingProgress) -> dict[str, Any]:

@@ -10,12 +10,16 @@ from deploy.settings import GoalSettings
 
 @dataclass(frozen=True, slots=True)
 class Steer:
-    """Speeds that somebody asks for, along and about the robot, forward and left positive; heard age_s ago."""
+    """Speeds that somebody asks for, along and about the robot, forward and left positive; heard age_s ago.
+
+    points: of the body, one after the other, as :class:`deploy.goals.points.PointGuard` takes them.
+    """
 
     forward_m_s: float
     left_m_s: float
     turn_rad_s: float
     age_s: float = 0.0
+    points: tuple[float, ...] = ()
 
 
 NOBODY = Steer(0.0, 0.0, 0.0, math.inf)
@@ -28,6 +32,7 @@ class GoalGuard:
     stale_s counts as nobody: the speeds go to zero within stop_s. The heading turns with the speed and never jumps; it
     waits where the robot is lead_rad behind.
     speeds: forward m/s, left m/s, turn rad/s, in force now (3,). heading_rad: from where the robot looked at first.
+    heard: whether anybody was, in the latest tick.
     """
 
     def __init__(self, settings: GoalSettings, period_s: float) -> None:
@@ -43,6 +48,7 @@ class GoalGuard:
         """At rest, heading 0."""
         self.speeds = np.zeros(3)
         self.heading_rad = 0.0
+        self.heard = False
         self._first_yaw_rad: float | None = None
         self._unheard = self._rested = 0
 
@@ -64,7 +70,8 @@ class GoalGuard:
     def next(self, asked: Steer, yaw_rad: float) -> None:
         """One tick. yaw_rad: the robot's heading by its IMU."""
         wanted = np.array([asked.forward_m_s, asked.left_m_s, asked.turn_rad_s])
-        heard = bool(np.isfinite(wanted).all()) and asked.age_s <= self._settings.stale_s
+        finite = bool(np.isfinite(wanted).all()) and all(map(math.isfinite, asked.points))
+        self.heard = heard = finite and asked.age_s <= self._settings.stale_s
         self._unheard = 0 if heard else self._unheard + 1
         target = np.clip(wanted, self._low, self._high) if heard else np.zeros(3)
         step = self._step if heard else self._stop_step

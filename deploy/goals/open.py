@@ -11,16 +11,18 @@ from deploy.actors import check_start, follows_goals, load_run, load_runs
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import GoalGuard
 from deploy.goals.option import GoalOption, parse_goal
+from deploy.goals.points import PointGuard
+from deploy.goals.ranges import narrowed
 from deploy.goals.script import ScriptGoal, Step, load_script
 from deploy.goals.steering import SteerGoal
 from deploy.goals.udp import UdpPort
 from deploy.operator.sticks import Sticks
 from deploy.options import RunOptions
-from deploy.settings import DeploySettings
+from deploy.settings import DeploySettings, GoalSettings
 from motion.clip_set import open_clips
 from policy.actor import load_actor, resolve_actor
 from policy.metadata import read_metadata
-from policy.spec import motion_info
+from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 
 
@@ -61,21 +63,23 @@ class GoalDesk:
 
     def open(self, option: GoalOption, policy: str) -> Followed:
         """Raises InputError on any misfit of source, actor and robot."""
-        _check_follows_goals(policy)
+        spec = _spec_that_follows_goals(policy)
         if option.source == "clip":
             run = load_run(policy, option.file, self.robot, self.settings.entry, option.kind)
             return Followed((run,), (run,))
         if self.stand is None or self.stand.clip is None:
             raise InputError("--goal that is steered", got="no stand actor", hint="leave --start reference out")
         standing = self.stand.goals.setting
-        guard = GoalGuard(self.settings.goals, standing.dt_s)
+        settings, limits = narrowed(self.settings.goals, spec.provenance)
+        self.say(limits)
+        guards = (GoalGuard(settings, standing.dt_s), PointGuard(settings.points, self.robot, standing))
         if option.source == "script":
-            return self._scripted(option, policy, guard)
+            return self._scripted(option, policy, settings, *guards)
         if option.source == "udp":
             port = self._listen(option, standing.dt_s)
-            return Followed((self._steered(policy, SteerGoal("udp", port, standing, guard)),))
-        sticks = Sticks(self.settings.goals, standing.dt_s)
-        return Followed((self._steered(policy, SteerGoal("stick", sticks, standing, guard)),), sticks=sticks)
+            return Followed((self._steered(policy, SteerGoal("udp", port, standing, *guards)),))
+        sticks = Sticks(settings, standing.dt_s)
+        return Followed((self._steered(policy, SteerGoal("stick", sticks, standing, guards[0])),), sticks=sticks)
 
     def _listen(self, option: GoalOption, period_s: float) -> UdpPort:
         port = self.stack.enter_context(UdpPort(option.address, option.port, period_s))
@@ -84,10 +88,12 @@ class GoalDesk:
         self.stack.callback(lambda: self.say(f"goals by udp: {', '.join(f'{n} {k}' for k, n in port.counts.items())}"))
         return port
 
-    def _scripted(self, option: GoalOption, policy: str, guard: GoalGuard) -> Followed:
+    def _scripted(
+        self, option: GoalOption, policy: str, settings: GoalSettings, guard: GoalGuard, points: PointGuard
+    ) -> Followed:
         assert self.stand is not None
         path = Path(option.file)
-        script = load_script(path, self.settings.goals)
+        script = load_script(path, settings)
         runs, clips = [], []
         for number, step in enumerate(script.steps):
             if step.clip is not None:
@@ -95,7 +101,7 @@ class GoalDesk:
                 assert isinstance(run.goals, ClipGoal)
                 runs.append(run)
                 clips.append(run.goals)
-        goal = ScriptGoal(path.stem, script, clips, self.stand.goals.setting, guard)
+        goal = ScriptGoal(path.stem, script, clips, self.stand.goals.setting, settings, guard, points)
         return Followed((self._steered(policy, goal),), tuple(runs))
 
     def _clip_of(self, path: Path, number: int, step: Step, policy: str) -> ActorRun:
@@ -122,7 +128,9 @@ class GoalDesk:
         return ActorRun(load_actor(policy, self.robot, standing), self.robot, self.settings.entry, goal)
 
 
-def _check_follows_goals(policy: str) -> None:
+def _spec_that_follows_goals(policy: str) -> ActorSpec:
     path = resolve_actor(policy)
-    if not follows_goals(read_metadata(path).spec):
+    spec = read_metadata(path).spec
+    if not follows_goals(spec):
         raise InputError("this actor follows clips, not goals", where=path, got="--goal", hint="give --motion instead")
+    return spec

@@ -1,4 +1,4 @@
-"""A goal that somebody steers: how fast the robot shall move and turn, and nothing else."""
+"""A goal that somebody steers: how fast the robot shall move and turn, and where points of its body shall be."""
 
 import hashlib
 from dataclasses import replace
@@ -7,13 +7,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
+from deploy.goals.points import PointGuard, in_world
 from deploy.goals.source import Goal
 from motion.clip import Clip
 from motion.reference import Reference
 from policy.goals import visible_in
+from policy.layouts import WINDOW_TICKS
 
-STEERING = visible_in("steer")
-AHEAD = 2  # rows: now, and the tick ahead that steering is looked at
+AHEAD = 1 + WINDOW_TICKS[-1]  # rows: now, and as far ahead as actors look
 
 
 class Pilot(Protocol):
@@ -29,27 +30,61 @@ class Pilot(Protocol):
 
 
 class SteeredRows:
-    """A reference of two rows that stands still, with the steering of a guard in it."""
+    """A reference of some rows that stands still, with the steering of a guard in it, and its points where there are.
 
-    def __init__(self, standing: Reference) -> None:
+    Beyond now it goes on with its speeds; its points slow down in it.
+    """
+
+    def __init__(self, standing: Reference, points: PointGuard | None = None) -> None:
         tables: dict[str, Any] = {
             name: np.repeat(value[:1] * ("_vel" not in name), AHEAD, axis=0)
             for name, value in vars(standing).items()
             if isinstance(value, np.ndarray)
         }
         tables |= {"duration_s": standing.dt_s, "feedforward_rad": np.zeros_like(tables["joint_pos_rad"])}
-        self._still = replace(standing, **tables)
+        self._still, self._points = replace(standing, **tables), points
+        self._ticks = np.arange(AHEAD)
+        self._times_s = standing.dt_s * self._ticks
+
+    @property
+    def rested(self) -> bool:
+        """Whether no point is away from where the stand actor has it."""
+        return self._points is None or self._points.rested
+
+    def start(self) -> None:
+        """No point is asked for."""
+        if self._points is not None:
+            self._points.start()
 
     def next(self, guard: GoalGuard, asked: Steer, yaw_rad: float) -> Goal:
-        """One tick of the guard, and what it lets through: its heading now, and where it will be a tick later."""
+        """One tick of the guards, and what they let through: the heading now, and where it will be later."""
         before_rad = guard.heading_rad
         guard.next(asked, yaw_rad)
-        steering = np.array([[*guard.speeds, before_rad], [*guard.speeds, guard.heading_rad]])
-        return Goal(replace(self._still, steering=steering), 0, 0.0, STEERING, turn_rad=0.0)
+        headings_rad = before_rad + self._ticks * (guard.heading_rad - before_rad)
+        tables: dict[str, Any] = {"steering": np.column_stack([np.tile(guard.speeds, (AHEAD, 1)), headings_rad])}
+        kind = "steer"
+        if self._points is not None:
+            self._points.next(asked.points if guard.heard else None)
+            kind = self._points.kind
+        if self._points is not None and kind != "steer":
+            tables |= self._placed(self._points, guard.speeds, headings_rad)
+        return Goal(replace(self._still, **tables), 0, 0.0, visible_in(kind), turn_rad=0.0)
+
+    def _placed(self, points: PointGuard, speeds: np.ndarray, headings_rad: np.ndarray) -> dict[str, np.ndarray]:
+        """The bodies that are points, row by row, from where the root is now."""
+        middle_rad = 0.5 * (headings_rad[:-1] + headings_rad[1:])
+        cosine, sine = np.cos(middle_rad), np.sin(middle_rad)
+        steps_m = np.stack([cosine * speeds[0] - sine * speeds[1], sine * speeds[0] + cosine * speeds[1]], axis=-1)
+        place_m = np.tile(self._still.root_pos_w[0] * [1.0, 1.0, 0.0], (AHEAD, 1))
+        place_m[1:, :2] += self._still.dt_s * np.cumsum(steps_m, axis=0)
+        pos_w, quat_wxyz = self._still.body_pos_w.copy(), self._still.body_quat_wxyz.copy()
+        places, turns = in_world(points.ahead(self._times_s), headings_rad, place_m)
+        pos_w[:, points.columns], quat_wxyz[:, points.columns] = places, turns
+        return {"body_pos_w": pos_w, "body_quat_wxyz": quat_wxyz}
 
 
 class SteerGoal:
-    """A GoalSource behind a guard. pilot: who steers.
+    """A GoalSource behind a guard. pilot: who steers. points: likewise behind it; None: none are asked for.
 
     standing: what it looks like where nothing is steered; the robot begins in its first pose.
     """
@@ -58,11 +93,13 @@ class SteerGoal:
     clip: Clip | None = None
     asked = None
 
-    def __init__(self, name: str, pilot: Pilot, standing: Reference, guard: GoalGuard) -> None:
+    def __init__(
+        self, name: str, pilot: Pilot, standing: Reference, guard: GoalGuard, points: PointGuard | None = None
+    ) -> None:
         self.name, self.setting = name, standing
         self.sha256 = hashlib.sha256(f"steered by {name}".encode()).hexdigest()
         self.start_pose_rad = standing.joint_pos_rad[0]
-        self._pilot, self._guard, self._rows = pilot, guard, SteeredRows(standing)
+        self._pilot, self._guard, self._rows = pilot, guard, SteeredRows(standing, points)
         self._gives_way = False
 
     @property
@@ -73,12 +110,13 @@ class SteerGoal:
     @property
     def resting(self) -> bool:
         """See GoalSource."""
-        return self._guard.rested
+        return self._guard.rested and self._rows.rested
 
     def start(self) -> None:
         """See GoalSource."""
-        self._pilot.start()
         self._guard.start()
+        self._pilot.start()
+        self._rows.start()
         self._gives_way = False
 
     def give_way(self) -> None:

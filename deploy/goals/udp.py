@@ -1,35 +1,27 @@
-"""Goals from another program, as datagrams: docs/steering.md describes the message."""
+"""Goals from another program, as datagrams."""
 
-import math
 import socket
-import struct
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
 from core.errors import InputError
 from deploy.goals.guard import NOBODY, Steer
+from deploy.goals.message import LARGEST, NUMBERS_BEYOND, decode
 
-MESSAGE = struct.Struct("<4sHHIfff")  # magic, version, zero, number, forward m/s, left m/s, turn rad/s
-MAGIC, VERSION = b"KATA", 1
 MOST_PER_TICK = 8
 LOOPBACK = "127.0.0.1"
 FORGOTTEN_S = 1.0  # a sender that was silent for so long may count from anywhere
-HALF = 1 << 31
+HALF = NUMBERS_BEYOND // 2
 SMALLEST_BUFFER = 1  # bytes; the kernel gives its own minimum, so that no backlog of old goals builds up
 MOST_WAITING = 64  # more than such a buffer holds
-
-
-def encode(number: int, forward_m_s: float, left_m_s: float, turn_rad_s: float) -> bytes:
-    """One datagram. number: rises by one with each, modulo 2**32."""
-    return MESSAGE.pack(MAGIC, VERSION, 0, number % (2 * HALF), forward_m_s, left_m_s, turn_rad_s)
 
 
 class UdpPort:
     """The newest goal that came in at an address. A context manager that binds it; raises InputError where it cannot.
 
     A Pilot, which reads at most 8 datagrams a tick. counts: what became of them: ``taken``,
-    ``malformed`` (other length, magic or version, or a number that is not finite), ``late`` (not newer than one taken).
+    ``malformed`` (no message of :mod:`deploy.goals.message`), ``late`` (not newer than one taken).
     """
 
     def __init__(self, address: str, port: int, period_s: float) -> None:
@@ -83,17 +75,16 @@ class UdpPort:
     def _read(self) -> bytes | None:
         assert self._socket is not None, "entered"
         try:
-            return self._socket.recv(MESSAGE.size + 1)
+            return self._socket.recv(LARGEST + 1)
         except OSError:
             return None
 
     def _take(self, datagram: bytes) -> None:
-        fields = MESSAGE.unpack(datagram) if len(datagram) == MESSAGE.size else (b"", 0, 0, 0, 0.0, 0.0, 0.0)
-        magic, version, _, number, *speeds = fields
-        if (magic, version) != (MAGIC, VERSION) or not all(map(math.isfinite, speeds)):
+        message = decode(datagram)
+        if message is None:
             self.counts["malformed"] += 1
-        elif self._latest.age_s < FORGOTTEN_S and not 0 < (number - self._number) % (2 * HALF) < HALF:
+        elif self._latest.age_s < FORGOTTEN_S and not 0 < (message[0] - self._number) % NUMBERS_BEYOND < HALF:
             self.counts["late"] += 1
         else:
             self.counts["taken"] += 1
-            self._number, self._latest = number, Steer(*speeds)
+            self._number, self._latest = message

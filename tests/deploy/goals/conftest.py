@@ -10,7 +10,8 @@ SCRIPT = """
 steps:
   - {for_s: 1.0, forward: 0.4}
   - {for_s: 0.5, turn: 1.0}
-  - {for_s: 1.0, forward: 0.4}
+  - {path: [[0.3, 0.0], [0.3, 0.2]], speed: 0.3}
+  - {for_s: 0.5, reach: [0.3, -0.2, 1.0]}
   - {for_s: 1.0}
   - {clip: still.npz}
   - {clip: still.npz, kind: vr3}

@@ -36,8 +36,8 @@ def played(arguments, capsys):
 
 
 @pytest.mark.parametrize("backend", ["mock", "mujoco"])
-def test_a_script_walks_stops_and_plays_two_clips(actors, backend, capsys):
-    """3.5 s of speeds and two clips of 0.5 s: 225 ticks of tracking, between standing and standing."""
+def test_a_script_walks_reaches_stops_and_plays_two_clips(actors, backend, capsys):
+    """Speeds, a way of two points, a hand, and two clips of 0.5 s, between standing and standing."""
     report, said = played(words(actors, f"script:{actors / 'script.yaml'}", backend=backend), capsys)
     assert report.outcome == "completed" and report.content["motion"] == "script"
     states = [line for line in said.splitlines() if line in {mode.value for mode in Mode}]

@@ -1,15 +1,18 @@
 """Clips, sticks and scripts as an actor sees them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from core.config import CONFIGS
 from core.errors import InputError
 from deploy.actors import load_run
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
+from deploy.goals.points import PointGuard
 from deploy.goals.script import ScriptGoal, load_script
-from deploy.goals.steering import STEERING, SteerGoal
+from deploy.goals.steering import SteerGoal
 from policy.goals import KINDS, PARTS, visible_in
 from tests.deploy.goals.toys import SHOWN, Hand, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, tilted
@@ -87,7 +90,7 @@ def test_a_steered_actor_sees_speeds_and_a_heading_from_where_it_looked(folder, 
     assert seen[0][steer] == pytest.approx([0.02, -0.016, 0.06, math.sin(0.0012), math.cos(0.0012)], abs=1e-6)
     angle = 0.02 * (0.06 + 0.12 + 0.18)
     assert seen[2][steer] == pytest.approx([0.06, -0.048, 0.18, math.sin(angle), math.cos(angle)], abs=1e-6)
-    assert seen[2][column("goal_visible")] == pytest.approx(STEERING)
+    assert seen[2][column("goal_visible")] == pytest.approx(visible_in("steer"))
     hidden = [
         column("reference_joint_error"), column("reference_heading"), column("reference_lin_vel"),
         column("goal_point", "head"), column("reference_gravity"),
@@ -152,7 +155,9 @@ def test_a_script_that_is_asked_to_hold_rests_or_ends_its_clip_and_does_nothing_
 def scripted(folder, stand, text, clips=()):
     path = folder / "script.yaml"
     path.write_text(text)
-    return ScriptGoal("script", load_script(path, GOALS), list(clips), stand.goals.setting, GoalGuard(GOALS, PERIOD_S))
+    standing = stand.goals.setting
+    guards = (GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS.points, ROBOT, standing))
+    return ScriptGoal("script", load_script(path, GOALS), list(clips), standing, GOALS, *guards)
 
 
 SQUARE = "steps:\n" + 4 * "  - {for_s: 2.0, forward: 0.4}\n  - {for_s: 1.5707963, turn: 1.0}\n" + "  - {for_s: 1.0}\n"
@@ -170,6 +175,87 @@ def test_a_square_comes_round(folder, stand):
     place = np.cumsum(0.02 * speeds[:, 0] * np.exp(1j * speeds[:, 3]))
     assert abs(place[-1]) < 0.1 and abs(place[2 * 179 - 1]) > 1.0
     assert not speeds[-1, :3].any()
+
+
+def walked(goal, follows=True):
+    """Place (x, y) and steering (4,) of each tick until the end, of a robot that does what it is asked, or stays."""
+    place, yaw_rad, rows = 0j, 0.0, []
+    while not goal.finished:
+        steering = goal.next(yaw_rad).reference.steering
+        place += PERIOD_S * (steering[1, 0] + 1j * steering[1, 1]) * np.exp(0.5j * (steering[0, 3] + steering[1, 3]))
+        rows.append([place.real, place.imag, *steering[1]])
+        yaw_rad = steering[1, 3] if follows else 0.0
+    return np.array(rows)
+
+
+def passes(rows, x, y):
+    """How near the way comes to a point, m, and when."""
+    away = np.hypot(rows[:, 0] - x, rows[:, 1] - y)
+    return away.min(), int(away.argmin())
+
+
+def test_a_square_by_points_on_the_ground_is_walked_along_its_sides(folder, stand):
+    """Looking along each side, and never faster than asked for; on the spot at the corners; back where it began."""
+    goal = scripted(folder, stand, "steps:\n- {path: [[1, 0], [1, 1], [0, 1], [0, 0]], speed: 0.4}\n- {for_s: 1.0}\n")
+    rows = walked(goal)
+    corners = [passes(rows, *point) for point in ((1, 0), (1, 1), (0, 1))]
+    assert max(away for away, _ in corners) < 0.04 and [at for _, at in corners] == sorted(at for _, at in corners)
+    assert np.hypot(*rows[-1, :2]) < 0.05 and rows[-1, 5] == pytest.approx(1.5 * np.pi, abs=0.05)
+    x, y = np.clip(rows[:, 0], 0, 1), np.clip(rows[:, 1], 0, 1)
+    beside = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
+    assert beside.max() < 0.06 and rows[:, :2].min() > -0.06 and rows[:, :2].max() < 1.06
+    middle = passes(rows, 1.0, 0.5)[1]
+    assert rows[middle, 5] == pytest.approx(np.pi / 2, abs=0.05) and rows[middle, 2] == pytest.approx(0.4, abs=0.01)
+    assert rows[:, 2].max() <= 0.4 and not rows[:, 3].any() and not rows[-1, 2:5].any()
+    assert 10.0 < PERIOD_S * len(rows) < 25.0  # 4 m at 0.4 m/s, four halts, three turns
+
+
+def test_a_path_with_a_heading_of_its_own_is_walked_sideways_and_begins_where_the_entry_does(folder, stand):
+    text = "steps:\n- {for_s: 1.0, turn: 1.0}\n- {path: [[0, 0.6]], speed: 0.25, heading: 0}\n- {for_s: 1.0}\n"
+    rows = walked(scripted(folder, stand, text))
+    first_rad = rows[49, 5]
+    assert rows[-1, 5] == pytest.approx(first_rad, abs=0.2) and np.abs(rows[80:, 2]).max() < 0.06
+    assert rows[80, 3] == pytest.approx(0.25, abs=0.01)
+    end = complex(*(rows[-1, :2] - rows[49, :2])) * np.exp(-1j * first_rad)
+    assert end == pytest.approx(0.6j, abs=0.05)
+
+
+def test_a_curve_of_many_points_is_walked_without_a_halt(folder, stand):
+    angles = np.linspace(0.22, np.pi, 14)
+    curve = [[round(float(np.sin(a)), 4), round(float(1 - np.cos(a)), 4)] for a in angles]
+    rows = walked(scripted(folder, stand, f"steps:\n- {{path: {curve}, speed: 0.4}}\n- {{for_s: 1.0}}\n"))
+    radius = np.hypot(rows[:, 0], rows[:, 1] - 1.0)
+    assert np.abs(radius - 1.0).max() < 0.05 and passes(rows, 0.0, 2.0)[0] < 0.04
+    assert rows[30:300, 2].min() > 0.35
+
+
+def test_a_robot_that_does_not_turn_ends_its_way_all_the_same(folder, stand):
+    """Latest after 3 times 2 m at 0.4 m/s and 5 s for each of two points: 25 s, and the second of rest."""
+    goal = scripted(folder, stand, "steps:\n- {path: [[0, 1], [0, 2]], speed: 0.4}\n- {for_s: 1.0}\n")
+    rows = walked(goal, follows=False)
+    assert len(rows) == 25 * 50 + 50 and not rows[:, 2].any() and rows[:, 5].max() <= 0.5
+
+
+def test_a_hand_is_reached_out_for_a_time_beside_speeds(folder, stand):
+    """Shown ahead of where it is asked for, in the frame of the heading; hidden before and after."""
+    goal = scripted(
+        folder, stand, "steps:\n- {for_s: 0.4}\n- {for_s: 2, forward: 0.3, reach: [0.3, -0.3, 1.2]}\n- {for_s: 1.0}\n"
+    )
+    run = type(stand)(clip_run(folder, actor="goals").actor, ROBOT, SETTINGS.entry, goal)
+    run.start()
+    seen = [run.act(turned(0.9)).observation["obs"] for _ in range(170)]
+    hand, visible = column("goal_point", "right_hand"), column("goal_visible")
+    assert seen[100][visible] == pytest.approx(visible_in("reach")) and seen[100][column("goal_steer")][0] == 0.3
+    # By hand: the root goes on by 0.3 m/s for 1, 5 and 17 ticks, and the hand with it.
+    ahead = [0.3 + 0.3 * 0.02, -0.3, 1.2, 0.3 + 0.3 * 0.1, -0.3, 1.2, 0.3 + 0.3 * 0.34, -0.3, 1.2]
+    assert seen[100][hand] == pytest.approx(ahead, abs=1e-5)
+    for tick in (19, 120):
+        assert seen[tick][visible] == pytest.approx(visible_in("steer")) and not seen[tick][hand].any()
+    assert seen[20][hand][:3] != pytest.approx(ahead[:3], abs=0.1)  # it begins where the stand actor has it
+
+
+def test_the_example_is_a_script():
+    assert len(load_script(CONFIGS / "goals" / "square.yaml", GOALS).steps) == 5
 
 
 def test_clips_of_a_script_are_laid_along_the_heading_that_is_asked_for(folder, stand):
@@ -208,16 +294,45 @@ def test_a_script_of_one_clip_shows_what_the_clip_shows(folder, stand):
 BAD = [
     ("steps: []", r"bad\.yaml: steps: nothing to do, expected one entry or more"),
     ("stops: []", r"bad\.yaml: stops: unknown key, expected one of steps"),
-    ("steps: [{forward: 0.1}]", r"bad\.yaml: steps\[0\]: not one thing to do, got neither"),
-    ("steps: [{for_s: 1.0, clip: stand}]", r"steps\[0\]: not one thing to do, got both"),
+    ("steps: [{forward: 0.1}]", r"bad\.yaml: steps\[0\]: not one thing to do, got none of them"),
+    ("steps: [{for_s: 1.0, clip: stand}]", r"steps\[0\]: not one thing to do, got for_s and clip"),
     ("steps: [{for_s: 0}]", r"steps\[0\]\.for_s: not positive, got 0\.0"),
     ("steps: [{for_s: 1.0}, {for_s: 2.0, forward: 0.7}]", r"steps\[1\]\.forward: out of range, got 0\.7, expected a n"),
     ("steps: [{for_s: 1.0, turn: .nan}]", r"steps\[0\]\.turn: not finite"),
-    ("steps: [{clip: stand, left: 0.1}]", r"steps\[0\]: speeds beside a clip"),
+    ("steps: [{clip: stand, left: 0.1}]", r"steps\[0\]: speeds or reach beside a clip"),
     ("steps: [{clip: stand, kind: vr4}]", r"steps\[0\]: no such kind of goal, got vr4"),
     ("steps: [{for_s: 2.0, turn: 0.1}]", r"steps\[0\]: not at rest before what follows; put \{for_s: 1\.0\}"),
     ("steps: [{for_s: 2.0, turn: 0.1}, {for_s: 0.9}, {clip: stand}]", r"steps\[1\]: not at rest before what follows"),
-    ("steps: [{for_s: 1.0, speed: 0.1}]", r"steps\[0\]\.speed: unknown key"),
+    ("steps: [{for_s: 1.0, sped: 0.1}]", r"steps\[0\]\.sped: unknown key"),
+    ("steps: [{for_s: 1.0, speed: 0.1}]", r"steps\[0\]: no path that they belong to, got speed 0\.1"),
+    ("steps: [{path: [[1.0, 0.0]]}]", r"steps\[0\]\.speed: missing key, expected m/s, beside path"),
+    (
+        "steps: [{path: [[1.0, 0.0]], speed: 0.7}]",
+        r"steps\[0\]\.speed: out of range, got 0\.7, expected a number in \[",
+    ),
+    ("steps: [{path: [[1.0, 0.0]], speed: -0.1}]", r"steps\[0\]\.speed: not positive, got -0\.1"),
+    ("steps: [{path: [], speed: 0.1}]", r"steps\[0\]\.path: no point"),
+    (
+        "steps: [{path: [[1.0]], speed: 0.1}]",
+        r"steps\[0\]\.path\[0\]: wrong length, got \[1\.0\]",
+    ),
+    ("steps: [{path: [[1, 0], [1, .inf]], speed: 0.1}]", r"steps\[0\]\.path\[1\]\[1\]: not finite"),
+    (
+        "steps: [{path: [[1, 0], [1, 0.1]], speed: 0.1}]",
+        r"steps\[0\]\.path\[1\]: too near, got 0\.1 m, expected",
+    ),
+    ("steps: [{path: [[1.0e300, 0], [0, -1.0e300]], speed: 0.1}]", r"steps\[0\]\.path: too long, got 2.41e\+301 s"),
+    ("steps: [{path: [[1, 0]], speed: 0.1, for_s: 1.0}]", r"steps\[0\]: not one thing to do, got for_s and path"),
+    ("steps: [{path: [[1, 0]], speed: 0.1, turn: 1.0}]", r"steps\[0\]: speeds or reach beside a path"),
+    ("steps: [{path: [[1, 0]], speed: 0.1}]", r"steps\[0\]: not at rest before what follows"),
+    (
+        "steps: [{path: [[1, 0], [1, 1]], speed: 0.4, heading: 0.0}, {for_s: 1}]",
+        r"steps\[0\]\.path\[1\]: speed left: out of range, got 0\.4, expected a number in \[-0\.3, 0\.3\]",
+    ),
+    ("steps: [{for_s: 1.0, reach: [0.3, 0.3, 1.0]}, {for_s: 1}]", r"steps\[0\]\.reach\[1\]: out of range, got 0\.3"),
+    ("steps: [{for_s: 1.0, reach: [0.3, 0.1]}]", r"steps\[0\]\.reach: wrong length"),
+    ("steps: [{for_s: 1.0, reach: [0.3, 0.1, 1.0]}]", r"steps\[0\]: not at rest before what follows"),
+    ("steps: [{clip: stand, reach: [0.3, 0.1, 1.0]}]", r"steps\[0\]: speeds or reach beside a clip"),
 ]
 
 
@@ -226,6 +341,13 @@ def test_a_script_is_checked_whole_when_it_is_read(tmp_path, text, says):
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(InputError, match=says):
         load_script(tmp_path / "bad.yaml", GOALS)
+
+
+def test_a_robot_that_may_not_turn_walks_no_path_that_does(tmp_path):
+    (tmp_path / "bad.yaml").write_text("steps: [{path: [[1, 0]], speed: 0.1}, {for_s: 1}]")
+    still = replace(GOALS, turn=replace(GOALS.turn, low=0.0))
+    with pytest.raises(InputError, match=r"steps\[0\]\.path: the robot may not turn along it, got \[0\.0, 1\.0\]"):
+        load_script(tmp_path / "bad.yaml", still)
 
 
 def test_the_joints_that_show_what_is_seen_exist():

@@ -9,8 +9,9 @@ import pytest
 
 from core.errors import InputError
 from deploy.goals.guard import GoalGuard
+from deploy.goals.message import encode
 from deploy.goals.steering import SteerGoal
-from deploy.goals.udp import LOOPBACK, MOST_PER_TICK, UdpPort, encode
+from deploy.goals.udp import LOOPBACK, MOST_PER_TICK, UdpPort
 from tests.deploy.goals.toys import standing_run
 from tests.deploy.toys import PERIOD_S, SETTINGS
 

@@ -39,13 +39,13 @@ def column(term: str, of: str = "") -> slice:
     raise KeyError(term)
 
 
-def write_goal_actor(path: Path, everything: float = 0.0) -> Path:
+def write_goal_actor(path: Path, everything: float = 0.0, provenance: dict | None = None) -> Path:
     """target = default + what BALANCE and SHOWS say + everything times a fixed random matrix times the observation."""
     matrix = everything * np.random.default_rng(0).normal(size=(SIZE, JOINTS)).astype(np.float32)
     for (term, index, joint), weight in (BALANCE | SHOWS).items():
         scale = next(entry.scale for entry in GROUP.terms if entry.term == term)
         matrix[column(term).start + index, ROBOT.joint_names.index(joint)] += weight / 0.25 / scale
-    spec = write_matrix_actor(path, matrix, GROUP, follows="any_clip")
+    spec = write_matrix_actor(path, matrix, GROUP, follows="any_clip", provenance=provenance or {})
     write_metadata(path, spec)
     return path
 
