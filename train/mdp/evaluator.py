@@ -86,6 +86,7 @@ def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[st
         termination=TerminationSettings(terms={"tilt": {"limit": 2.0}, "height": {"min_m": height}}, max_episode_s=1e9),
         anchor_time_s=None,
         clips=ClipSettings(in_turn=True),
+        teacher=None,
     )
     none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
     return {

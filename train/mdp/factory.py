@@ -42,7 +42,7 @@ def build_environment(
     if isinstance(references, Reference):
         references = {"clip": references}
     scene = _shared_scene(references)
-    follows_goals = asks_for([settings.actor_group()], "goal_visible")
+    follows_goals = asks_for(settings.groups(), "goal_visible")
     references = {name: _with_tables(reference, robot, settings) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (
         torch.Generator().manual_seed(STREAMS * seed + stream) for stream in range(STREAMS)
@@ -67,7 +67,7 @@ def build_environment(
 
 def _with_tables(reference: Reference, robot: Robot, settings: EnvironmentSettings) -> Reference:
     """With what the actor's terms look at besides."""
-    groups = [settings.actor_group()]
+    groups = settings.groups()
     reference = with_feedforward(robot, reference) if asks_for(groups, "reference_feedforward") else reference
     return with_steering(reference) if asks_for(groups, "goal_visible") else reference
 
