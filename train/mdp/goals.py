@@ -121,8 +121,10 @@ def visible(bits: torch.Tensor) -> torch.Tensor:
 
 
 def errors_by_kind(settings: GoalSettings | None, bits: torch.Tensor, error_mm: torch.Tensor) -> dict[str, float]:
-    """Mean error (B,) of the robots that are shown each kind of goal, ``goal/KIND_empbpe_mm``; ``gap``: of those in one;
-    others were drawn part by part or body by body."""
+    """Mean error (B,) of the robots that are shown each kind of goal, ``goal/KIND_empbpe_mm``.
+
+    ``gap``: of those in one; ``random``: of all that were drawn part by part or body by body.
+    """
     if settings is None:
         return {}
     known = {"gap": bits >> len(PARTS) > 0}
