@@ -38,8 +38,8 @@ class Buffer:
     def minibatches(self, number: int, size: int) -> Iterator[Minibatch]:
         """Up to ``number`` minibatches of ``size`` samples, no sample twice."""
         order = torch.randperm(self.count, generator=self._generator)
-        for rows in order[: min(number, self.count // size) * size].split(size):
-            yield self._at(rows)
+        for first in range(0, min(number, self.count // size) * size, size):
+            yield self._at(order[first : first + size])
 
     def _at(self, rows: Tensor) -> Minibatch:
         return Minibatch({name: column[rows.to(column.device)] for name, column in self._columns.items()})

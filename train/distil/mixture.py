@@ -15,8 +15,11 @@ TEACHER = "teacher"
 class Mixture:
     """Who acts for each of B robots.
 
+    Whoever falls often begins often. So that shares are shares of steps and not of episodes, an episode that begins
+    goes to those who have too few of the robots now.
+
     Args:
-        shares: by name, as they follow the iterations; only their ratios count.
+        shares: of the robots, by name, as they follow the iterations; only their ratios count.
         names: all who can act. Who has no share never does.
         num_envs: B.
         generator: source of the draws, on the CPU.
@@ -33,22 +36,26 @@ class Mixture:
     ) -> None:
         self.names = tuple(names)
         self._ramps = [shares.get(name, Ramp(0.0)) for name in names]
-        self._generator = generator
-        everyone = torch.arange(num_envs, device=device)
-        self._who = torch.zeros_like(everyone)
+        self._generator, self._device = generator, device
+        everyone = torch.arange(num_envs, device="cpu")
+        self._who = torch.full_like(everyone, -1)
         self.redraw(everyone, 0)
 
     def rows(self) -> dict[str, Tensor]:
         """Which robots (n,) each of those acts for who acts at all."""
         found = {name: (self._who == number).nonzero()[:, 0] for number, name in enumerate(self.names)}
-        return {name: rows for name, rows in found.items() if len(rows)}
+        return {name: rows.to(self._device) for name, rows in found.items() if len(rows)}
 
     def redraw(self, env_ids: Tensor, iteration: int) -> None:
         """Draw who acts for ``env_ids`` (n,) from now on."""
-        shares = torch.tensor([[ramp.at(iteration) for ramp in self._ramps]], device="cpu")
-        if len(env_ids):
-            drawn = choice(shares.expand(len(env_ids), -1), self._generator)
-            self._who[env_ids] = drawn.to(self._who.device)
+        if len(env_ids) == 0:
+            return
+        own = env_ids.cpu()
+        self._who[own] = -1
+        shares = torch.tensor([ramp.at(iteration) for ramp in self._ramps], device="cpu")
+        have = torch.stack([(self._who == number).sum() for number in range(len(self.names))])
+        missing = (len(self._who) * shares / shares.sum() - have).clamp(min=0.0)
+        self._who[own] = choice(missing.expand(len(own), -1), self._generator)
 
     def shares(self) -> dict[str, float]:
         """Share of the robots for which each acts now, ``acts/NAME``."""

@@ -49,7 +49,7 @@ class DistilSettings:
         learning_rate: of Adam.
         max_grad_norm: bound on the norm of the gradient.
         average_iterations: the judged and exported actor is the average over about this many iterations; 1 = the last.
-        acts: share of episodes in which each of teacher and ways of the student acts; only their ratios count.
+        acts: share of robots for which each of teacher and ways of the student acts; only their ratios count.
         noise: the student's while it learns: that of the ``episode`` in which a sample was seen, or ``fresh`` one.
         losses: weight of each of :data:`train.distil.losses.LOSSES` that counts.
         student: its networks.
