@@ -19,6 +19,7 @@ from motion.residual_wrench import demand_of, friction_needed
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints
 from train.config import TrainConfig, check, with_budget
+from train.distil.teacher import teacher_of
 from train.folder import CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE
 from train.lineage import Source, find_source
 from train.mdp.tracking import CONTROL_PERIOD_S
@@ -98,7 +99,9 @@ def _teacher_of(config: TrainConfig, robot: Robot) -> Source | None:
     group = config.environment.teacher_group()
     if config.teacher is None or group is None:
         return None
-    return find_source(config.teacher, robot, group, where="teacher")
+    source = find_source(config.teacher, robot, group, where="teacher")
+    teacher_of(source.networks["actor"], robot, group)  # what is no tracker is refused now
+    return source
 
 
 def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:

@@ -37,7 +37,7 @@ class Buffer:
 
     def minibatches(self, number: int, size: int) -> Iterator[Minibatch]:
         """Up to ``number`` minibatches of ``size`` samples, no sample twice."""
-        order = torch.randperm(self.count, generator=self._generator)
+        order = torch.randperm(self.count, generator=self._generator, device="cpu")
         for first in range(0, min(number, self.count // size) * size, size):
             yield self._at(order[first : first + size])
 

@@ -86,10 +86,10 @@ PANELS = (
     ),
     Panel(
         "Distillation", "value", ("distil/",), logarithmic=True,
-        caption="action: mean square of what the student is off the teacher, with the latent that the encoder tells it; "
-        "deployed_action: without the encoder. kl: from the prior to the encoder, in nats.",
+        caption="action: mean square of what the student is off the teacher, with the encoder's latent; "
+        "deployed_action: with the prior's mean. kl: from the prior to the encoder, in nats.",
     ),
-    Panel("Who acts", "share of robots", ("acts/",), caption="The teacher, or the student by its prior or its encoder."),
+    Panel("Who acts", "share of robots", ("acts/",), caption="The teacher, or the student in one of its ways."),
     Panel(
         "Error by kind of goal", "mm", ("goal/",), logarithmic=True,
         caption="Empbpe over all training environments, by what of the reference they are shown.",

@@ -152,6 +152,27 @@ def test_the_file_computes_the_deployed_student(trained, tmp_path):
     assert np.stack(got) == pytest.approx(actor(observations["actor"]).detach().numpy(), abs=1e-5)
 
 
+def test_a_learner_makes_no_tensor_on_the_default_device():
+    """Which here has no numbers; the same experience gives the same figures."""
+    env, learner = small("distil.noise=fresh")
+    _, other = small("distil.noise=fresh")
+    observations, rows = env.reset(), []
+    for _ in range(3):
+        for _ in range(learner.horizon):
+            action = learner.act(observations)
+            with torch.device("meta"):
+                assert torch.equal(other.act(observations), action)
+            result = env.step(action)
+            learner.record(result)
+            with torch.device("meta"):
+                other.record(result)
+            observations = result.observations
+        rows.append(learner.update(observations))
+        with torch.device("meta"):
+            assert other.update(observations) == rows[-1]
+            other.load_state_dict(other.state_dict())
+
+
 @pytest.mark.parametrize("preset", ["maskedmimic", "maskedmimic_paper"])
 def test_what_is_deployed_is_small(preset):
     small_memory = ["num_envs=16", "distil.capacity=512", "distil.batch=512"]
