@@ -21,6 +21,7 @@ from core.errors import InputError
 from core.processes import available_cores
 from core.structured import at_least, parse, positive, within
 from train.device import resolve_device
+from train.distil.settings import DistilSettings
 from train.learner.antithetic import check_pairs
 from train.learner.losses import check_losses
 from train.learner.precision import resolve_precision
@@ -32,7 +33,7 @@ from train.world_model.policy import Layout
 from train.world_model.settings import WorldModelSettings
 
 CONFIG_DIR = Path(__file__).resolve().parents[1] / "configs" / "train"
-_PATH_KEYS = ("motion", "motions", "robot", "run_dir", "init_from")
+_PATH_KEYS = ("motion", "motions", "robot", "run_dir", "init_from", "teacher")
 MAX_SEED = 2**32 - 1
 MANY_CLIPS = "tracker"
 _BUDGET_KEYS = ("iterations", "minutes")
@@ -65,6 +66,8 @@ class TrainConfig:
     prior: PriorSettings
     environment: EnvironmentSettings
     world_model: WorldModelSettings | None = None
+    teacher: str | None = None
+    distil: DistilSettings | None = None
 
     @property
     def motion_name(self) -> str:
@@ -88,6 +91,7 @@ class TrainConfig:
             raise InputError("no budget", where="iterations", expected="iterations or minutes (or both)")
         if self.world_model is not None:
             self._check_world_model(self.world_model)
+        self._check_teacher()
         check_losses(self.learner.losses)
         self.prior.check(self.environment.older_lags)
         if self.learner.exploration.kind == "antithetic":
@@ -98,6 +102,25 @@ class TrainConfig:
                 "too few samples for the minibatches", where="num_envs", got=f"{samples} samples per iteration",
                 expected=f"at least {2 * self.learner.minibatches}",
             )  # fmt: skip
+
+    def _check_teacher(self) -> None:
+        """InputError where distillation lacks something, or goes with something else."""
+        distil = self.distil is not None
+        for where, given in (("teacher", self.teacher), ("environment.teacher", self.environment.teacher)):
+            if distil != (given is not None):
+                expected = "a run or an actor, and its layout" if distil else "null: only distil learns from a teacher"
+                raise InputError("does not fit distil", where=where, got=given, expected=expected)
+        if self.distil is None:
+            return
+        self.distil.check(self.num_envs)
+        Layout(self.environment.actor_group(), 1)
+        for where, got, fits in (
+            ("world_model", "settings", self.world_model is None),
+            ("prior.kind", self.prior.kind, self.prior.kind in ("none", "observed")),
+            ("learner.exploration.kind", self.learner.exploration.kind, self.learner.exploration.kind == "gaussian"),
+        ):
+            if not fits:
+                raise InputError("not with distil", where=where, got=got)
 
     def _check_world_model(self, settings: WorldModelSettings) -> None:
         """InputError for what does not go with learning through a world model."""

@@ -30,13 +30,15 @@ class Source:
     lineage: Mapping[str, Any]
 
 
-def find_source(name: str, robot: Robot, group: ObservationGroup) -> Source:
+def find_source(name: str, robot: Robot, group: ObservationGroup, where: str = "init_from") -> Source:
     """The weights of a run folder, of a bundled actor by name, or of an actor file and its companion beside it.
+
+    ``where``: the key that names it.
 
     Raises:
         InputError: none of these, unreadable, or an actor with other joints or observations than ``group``.
     """
-    return _of_run(Path(name)) if Path(name).is_dir() else _of_actor(name, robot, group)
+    return _of_run(Path(name), where) if Path(name).is_dir() else _of_actor(name, robot, group, where)
 
 
 def begin_from(source: Source, learner: Learner, say: Callable[[str], None]) -> Mapping[str, Any]:
@@ -46,27 +48,29 @@ def begin_from(source: Source, learner: Learner, say: Callable[[str], None]) -> 
     return {**source.lineage, "networks": taken}
 
 
-def _of_run(folder: Path) -> Source:
+def _of_run(folder: Path, where: str) -> Source:
     paths = Checkpoints(folder).paths()
     if not paths:
         raise InputError(
-            "no checkpoint in it", where="init_from", got=folder, expected="a run folder, or an actor's name or file"
+            "no checkpoint in it", where=where, got=folder, expected="a run folder, or an actor's name or file"
         )
     content = paths[-1].read_bytes()
     state = load_state(content, paths[-1])
     try:
         learner, iteration = state["learner"], int(state["iteration"])
-        networks = {"actor": learner["average"]["weights"], "critic": learner["critic"]}
+        networks = {"actor": learner["average"]["weights"]}
+        networks |= {name: learner[name] for name in ("critic", "encoder") if name in learner}
         networks |= {"model": learner["fitting"]["model"]} if "fitting" in learner else {}
     except (KeyError, TypeError) as error:
         raise InputError("no state of a run in it", where=paths[-1], expected="a file of train/run.py") from error
     return Source(networks, _lineage(paths[-1], content, iteration))
 
 
-def _of_actor(name: str, robot: Robot, group: ObservationGroup) -> Source:
+def _of_actor(name: str, robot: Robot, group: ObservationGroup, where: str) -> Source:
     path = resolve_actor(name)
     spec = read_metadata(path).spec
-    _check_spec(spec, path, robot, group)
+    hint = "init_from=none begins from nothing" if where == "init_from" else None
+    _check_spec(spec, path, robot, group, hint)
     content = path.read_bytes()
     weights = {
         part.name: torch.tensor(numpy_helper.to_array(part))
@@ -76,7 +80,7 @@ def _of_actor(name: str, robot: Robot, group: ObservationGroup) -> Source:
     return Source({"actor": weights} | read_companion(path.parent / COMPANION_FILE, lineage["sha256"]), lineage)
 
 
-def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGroup) -> None:
+def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGroup, hint: str | None) -> None:
     if tuple(spec.joint_names) != tuple(robot.joint_names):
         differ = [name for name, own in zip(spec.joint_names, robot.joint_names) if name != own]
         raise InputError(
@@ -86,7 +90,7 @@ def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGro
     if [seen.terms for seen in spec.observations] != [group.terms]:
         raise InputError(
             "sees something else", where=path, got=", ".join(_told(seen) for seen in spec.observations),
-            expected=_told(group), hint="init_from=none begins from nothing",
+            expected=_told(group), hint=hint,
         )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.companion import write_companion
 from train.config import check, fingerprint, to_yaml
+from train.distil.build import build_distil_learner
 from train.export import actor_spec, export_actor
 from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, COMPANION_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
@@ -70,7 +71,7 @@ def train(setup: Setup) -> Outcome:
         Checkpointing(Checkpoints(setup.run_dir), config.checkpoint_every, progress),
         Stopping(budget, lambda: stop.asked),
     ]
-    lineage = None if setup.source is None else begin_from(setup.source, learner, progress.say)
+    lineage = _lineage(setup, learner, progress)
     runner = Runner(env, learner, setup.run_dir, setup.document, hooks, lineage)
     runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
@@ -87,11 +88,20 @@ def train(setup: Setup) -> Outcome:
         progress.close()
 
 
+def _lineage(setup: Setup, learner: Learner, progress: TrainingProgress) -> Mapping[str, Any] | None:
+    """Let the learner begin with the source's weights; where these and the teacher's come from."""
+    begun = {} if setup.source is None else begin_from(setup.source, learner, progress.say)
+    taught = {} if setup.teacher is None else {"teacher": dict(setup.teacher.lineage)}
+    return {**begun, **taught} or None
+
+
 def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> Learner:
     """The learner with its prior; before it is made, what the ground can give of the clip is told."""
     if setup.config.world_model is not None:
         assert isinstance(env, TrackingEnv)
         return build_world_model_learner(setup.followable, env, setup.robot)
+    if setup.config.distil is not None:
+        return build_distil_learner(setup.followable, setup.robot, setup.teacher_weights)
     if setup.config.prior.kind == "observed":
         return build_learner(setup.followable, env, *observed_targets(setup.config, setup.robot))
     reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)

@@ -2,10 +2,13 @@
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+from torch import Tensor
 
 from core.errors import InputError
 from motion.clip import Clip, load_clip
@@ -16,6 +19,7 @@ from motion.residual_wrench import demand_of, friction_needed
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints
 from train.config import TrainConfig, check, with_budget
+from train.distil.teacher import teacher_of
 from train.folder import CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE
 from train.lineage import Source, find_source
 from train.mdp.tracking import CONTROL_PERIOD_S
@@ -33,6 +37,7 @@ class Setup:
     state: dict[str, Any] | None
     clips: tuple[NamedClip, ...] = ()
     source: Source | None = None
+    teacher: Source | None = None
 
     @cached_property
     def references(self) -> dict[str, Reference]:
@@ -53,6 +58,14 @@ class Setup:
         ranges = environment.randomization.with_friction_from(self.friction_needed)
         return replace(self.config, environment=replace(environment, randomization=ranges))
 
+    @property
+    def teacher_weights(self) -> Mapping[str, Tensor]:
+        """Those of the teacher's actor; a run that goes on has kept them."""
+        if self.state is not None:
+            return cast(Mapping[str, Tensor], self.state["learner"]["teacher"])
+        assert self.teacher is not None, "distillation has a teacher"
+        return self.teacher.networks["actor"]
+
 
 def new_setup(document: dict[str, Any]) -> Setup:
     """Check everything of a new run. InputError for anything unusable."""
@@ -64,8 +77,8 @@ def new_setup(document: dict[str, Any]) -> Setup:
         document = {**document, "robot": str(Path(config.robot).resolve())}
     run_dir = _new_run_dir(config)
     document = {**document, "run_dir": str(run_dir)}
-    source = _source_of(config, robot)
-    setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source)
+    source, teacher = _source_of(config, robot), _teacher_of(config, robot)
+    setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source, teacher)
     _ = setup.references  # what is no reference is refused now
     return setup
 
@@ -80,6 +93,15 @@ def _source_of(config: TrainConfig, robot: Robot) -> Source | None:
         has = ", ".join(source.networks)
         raise InputError("not there", where="init_networks", got=", ".join(missing), expected=f"of {has}")
     return replace(source, networks={name: source.networks[name] for name in wanted})
+
+
+def _teacher_of(config: TrainConfig, robot: Robot) -> Source | None:
+    group = config.environment.teacher_group()
+    if config.teacher is None or group is None:
+        return None
+    source = find_source(config.teacher, robot, group, where="teacher")
+    teacher_of(source.networks["actor"], robot, group)  # what is no tracker is refused now
+    return source
 
 
 def resumed_setup(run_dir: Path, budget_overrides: list[str]) -> Setup:

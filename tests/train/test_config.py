@@ -85,6 +85,12 @@ def test_presets_differ_in_what_is_randomised_as_the_paper_and_the_file_do():
     assert not paper.delay_whole_steps and release.delay_whole_steps and not default.delay_whole_steps
 
 
+PRESETS = [
+    "default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals", "maskedmimic",
+    "maskedmimic_paper",
+]  # fmt: skip
+
+
 def unnamed(kind, section, where):
     """Fields that the composed document does not name: they could not be overridden on the command line."""
     missing = [f"{where}.{f.name}" for f in fields(kind) if f.name not in section]
@@ -93,7 +99,7 @@ def unnamed(kind, section, where):
     return missing + [path for name in nested for path in unnamed(hints[name], section[name], f"{where}.{name}")]
 
 
-@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals"])
+@pytest.mark.parametrize("preset", PRESETS)
 def test_every_number_stands_in_the_files(preset):
     document = compose_document(["motion=taichi", f"train={preset}"])
     document["environment"]["rewards"] = {}
@@ -120,7 +126,7 @@ def test_contact_mask_can_be_switched_off():
     assert "contact_mask" in rewards() and "contact_mask" not in rewards("contact_mask=false")
 
 
-@pytest.mark.parametrize("preset", ["default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals"])
+@pytest.mark.parametrize("preset", PRESETS)
 def test_resolved_document_means_the_same_again(preset):
     document = compose_document(["motion=taichi", f"train={preset}", "sigma=medium"])
     assert document["precision"] in ("bf16", "fp32") and document["threads"] >= 1
@@ -209,6 +215,46 @@ REFUSED_WITH_A_WORLD_MODEL = [
     (["world_model.fitting.warm_up_steps=1000"], "world_model.fitting.warm_up_steps: too few steps for the windows"),
     (["world_model.policy.hidden=[]"], "world_model.policy.hidden: unusable layers"),
 ]
+
+
+REFUSED_WITH_DISTIL = [
+    (["teacher=null"], "teacher: does not fit distil, expected a run or an actor, and its layout"),
+    (["environment.teacher=null"], "environment.teacher: does not fit distil"),
+    (["distil=null"], "teacher: does not fit distil, got tracker, expected null"),
+    (["environment.teacher=trackr"], "environment.teacher: unknown layout, got trackr"),
+    (["distil.capacity=1000"], "distil.capacity: no whole steps, got 1000, expected a multiple of 512 robots"),
+    (["distil.batch=5000"], "distil.batch: too many, got 5000, expected at most an iteration's samples, 4096"),
+    (["distil.acts.nobody={first:1.0}"], "distil.acts.nobody: nobody of this name"),
+    (["distil.acts.encoder.first=0", "distil.acts.prior.first=0"], "distil.acts: nothing above 0, got iteration 400"),
+    (["distil.losses.beauty={first:1.0}"], "distil.losses.beauty: unknown loss"),
+    (["distil.losses.kl.end=5"], "distil.losses.kl.end: before begin, got 5, expected 600 or later"),
+    (["distil.student.decoder_hidden=[]"], "distil.student.decoder_hidden: unusable layers"),
+    (["distil.noise=loud"], "distil.noise: unknown choice, got loud"),
+    (["environment.observations=pbhc", "prior.kind=none"], "environment.observations: missing term"),
+    (["learner.exploration.kind=antithetic"], "learner.exploration.kind: not with distil, got antithetic"),
+]
+
+
+@pytest.mark.parametrize(("overrides", "message"), REFUSED_WITH_DISTIL)
+def test_refused_with_distillation(overrides, message):
+    with pytest.raises(InputError) as caught:
+        check(compose_document(["motion=taichi", "train=maskedmimic", *(f"++{o}" for o in overrides)]))
+    assert message in str(caught.value)
+
+
+def test_the_papers_numbers_of_distillation():
+    """MaskedMimic's schedule of the KL, minibatch, rate, horizon, latent and masks; 2 % and 1 % a frame at 30 Hz."""
+    paper = config("train=maskedmimic_paper")
+    distil, goals = paper.distil, paper.environment.goals
+    kl = distil.losses["kl"]
+    assert (kl.first, kl.last, kl.begin, kl.end) == (1e-4, 1e-2, 3000, 9000)
+    assert (paper.num_envs, distil.steps, distil.batch, distil.student.latent) == (16384, 32, 8192, 64)
+    assert distil.updates * distil.batch == distil.capacity == 524_288  # each sample once
+    assert distil.learning_rate.at(0) == distil.learning_rate.at(10_000) == 2e-5
+    assert {name: ramp.at(10_000) for name, ramp in distil.acts.items() if ramp.at(10_000)} == {"encoder": 1.0}
+    assert (goals.redraw_per_s / 30, goals.gap_per_s / 30) == pytest.approx((0.02, 0.01))
+    assert tuple(30 * seconds for seconds in goals.gap_s) == pytest.approx((1.0, 9.0), abs=0.01)
+    assert {kind: share for kind, share in goals.kinds.items() if share} == {"bodies": 1.0}
 
 
 @pytest.mark.parametrize(("overrides", "message"), REFUSED_WITH_A_WORLD_MODEL)

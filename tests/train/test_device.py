@@ -41,15 +41,24 @@ CHANGES = {
 }  # fmt: skip
 
 
-def test_an_environment_makes_no_tensor_on_the_default_device(monkeypatch):
+TAUGHT = CHANGES | {
+    "observations": "goals", "teacher": "tracker", "anchor_time_s": None,
+    "goals": {
+        "kinds": {"bodies": 0.5, "random": 0.5}, "redraw_per_s": 5.0, "gap_per_s": 5.0, "gap_s": [0.02, 0.1],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes", [CHANGES, TAUGHT], ids=["window", "taught"])
+def test_an_environment_makes_no_tensor_on_the_default_device(monkeypatch, changes):
     """The default device here has no numbers: a tensor of it among those of the environment is an error."""
     build = "train.mdp.factory.MujocoCpuSimulator"
     from train.simulation.mujoco_cpu import MujocoCpuSimulator
 
     monkeypatch.setattr(build, lambda *a, **k: OnTheCpu(OnTheCpu._on_cpu(lambda: MujocoCpuSimulator(*a, **k))()))
-    plain = small_env(seconds=0.3, **CHANGES)
+    plain = small_env(seconds=0.3, **changes)
     with torch.device("meta"):
-        env = small_env(seconds=0.3, **CHANGES)
+        env = small_env(seconds=0.3, **changes)
         for _ in range(25):
             action = torch.full((env.num_envs, env.num_actions), 0.1, device="cpu")
             result, expected = env.step(action), plain.step(action)
@@ -57,7 +66,7 @@ def test_an_environment_makes_no_tensor_on_the_default_device(monkeypatch):
         env.load_state_dict(env.state_dict())
     assert {tensor.device.type for tensor in env.state.tensors().values()} == {"cpu"}
     assert torch.equal(result.rewards, expected.rewards)
-    assert torch.equal(result.observations["critic"], expected.observations["critic"])
+    assert all(torch.equal(values, expected.observations[group]) for group, values in result.observations.items())
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

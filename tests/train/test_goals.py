@@ -141,6 +141,60 @@ def test_who_is_shown_what_by_counting():
     assert shown[bits == bits_of(KINDS["vr3"])][0].tolist() == visible_in("vr3").tolist()
 
 
+def test_bodies_are_hidden_as_the_papers_near_poses_are():
+    """By counting: how many of six bodies, and whether their place, their turn or both are shown."""
+    goals = Goals(GoalSettings({"bodies": 1.0}), torch.Generator().manual_seed(3))
+    shown = visible(goals.draw(60_000)).bool()
+    part = {name: shown[:, PARTS.index(name)] for name in PARTS}
+    assert not part["joints"].any() and not part["steer"].any()
+    assert torch.equal(part["posture"], part["heading"])
+    places = torch.stack([part["place"], *(part[point] for point in POINTS)], dim=1)
+    turns = torch.stack([part["posture"], *(part[f"{point}_turn"] for point in POINTS)], dim=1)
+    bodies = places | turns
+    # round(1 + 5 U): a tenth for 1 and 6, two tenths between; in a tenth of the draws round(1 + 2 U).
+    expected = [0.9 * 0.1 + 0.1 * 0.25, 0.9 * 0.2 + 0.1 * 0.5, 0.9 * 0.2 + 0.1 * 0.25, 0.18, 0.18, 0.09]
+    counts = torch.bincount(bodies.sum(dim=1), minlength=7) / len(bodies)
+    assert counts.tolist() == pytest.approx([0.0, *expected], abs=0.01)
+    assert bodies.float().mean(dim=0).tolist() == pytest.approx([bodies.float().mean().item()] * 6, abs=0.01)
+    for kind in (places & ~turns, places & turns, turns & ~places):
+        assert kind.sum() / bodies.sum() == pytest.approx(1 / 3, abs=0.01)
+
+
+def test_goals_change_and_pause_within_an_episode_as_often_as_is_said():
+    """Half of the robots see all, half by three points. At 50 Hz: 1 % a tick drawn anew, 2 % a gap of 2 to 6 ticks."""
+    settings = GoalSettings({"full": 0.5, "vr3": 0.5}, redraw_per_s=0.5, gap_per_s=1.0, gap_s=(0.04, 0.12))
+    generator = torch.Generator().manual_seed(3)
+    goals = Goals(settings, generator)
+    seen = [goals.draw(4000)]
+    for _ in range(300):
+        seen.append(goals.after_tick(seen[-1], 0.02, generator))
+    ticks = torch.stack(seen[1:])
+    shown = torch.stack([visible(bits) for bits in ticks])
+    in_gap = ~shown.any(dim=-1)
+    parts = ticks % (1 << len(PARTS))
+    changed = (parts[1:] != parts[:-1]).float().mean()
+    assert changed == pytest.approx(0.01 / 2, rel=0.1)  # half of what is drawn is what was
+    begun = in_gap[1:] & ~in_gap[:-1]
+    assert begun.sum() / (~in_gap[:-1]).sum() == pytest.approx(0.02, rel=0.1)
+    lasted = in_gap[1:].sum() / begun.sum()
+    assert lasted == pytest.approx(4.0, rel=0.1)
+    assert set(parts.unique().tolist()) == {bits_of(KINDS["full"]), bits_of(KINDS["vr3"])}
+
+
+def test_a_gap_shows_nothing_and_then_the_same_as_before():
+    settings = GoalSettings({"vr3": 1.0}, gap_per_s=50.0, gap_s=(0.1, 0.1))
+    goals, generator = Goals(settings, torch.Generator().manual_seed(1)), torch.Generator().manual_seed(2)
+    bits = goals.after_tick(goals.draw(3), 0.02, generator)
+    assert not visible(bits).any() and (bits >> len(PARTS) == 5).all()
+    told = errors_by_kind(settings, bits, torch.tensor([1.0, 2.0, 3.0]))
+    assert told == {"goal/gap_empbpe_mm": 2.0}
+    calm = Goals(GoalSettings({"vr3": 1.0}, gap_per_s=1e-9, gap_s=(0.1, 0.1)), torch.Generator())
+    for _ in range(5):
+        assert not visible(bits).any()
+        bits = calm.after_tick(bits, 0.02, generator)
+    assert visible(bits)[0].tolist() == visible_in("vr3").tolist()
+
+
 def test_without_settings_everybody_is_shown_everything_and_nothing_is_drawn():
     generator = torch.Generator().manual_seed(3)
     before = generator.get_state()

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU}
+ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU, "relu": nn.ReLU}
 
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator, gain: float = 1.0) -> nn.Linear:
@@ -30,7 +30,7 @@ class Mlp(nn.Module):
         inputs: size of the input.
         hidden: sizes of the hidden layers.
         outputs: size of the output.
-        activation: ``elu`` or ``silu``.
+        activation: of :data:`ACTIVATIONS`.
         generator: source of the initial weights.
         output_gain: factor on the initial output layer; small starts near zero.
         precision: ``bf16`` or ``fp32``, of the hidden layers.

@@ -59,7 +59,7 @@ class Command:
         self._starts = StartSampler(settings.start, table.num_ticks, generator, recovery)
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
-        self.goals = Goals(settings.goals, generator)
+        self.goals, self._dt_s = Goals(settings.goals, generator), dt_s
 
     def draw(self, env_ids: torch.Tensor) -> EpisodeStart:
         """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
@@ -81,6 +81,12 @@ class Command:
         state.episode_steps[env_ids] = 0
         state.place.write(env_ids, self.anchor.at_start(len(env_ids)))
         state.target.write(env_ids, self.table.rows(start.clip, start.tick + 1))
+
+    def advance(self, state: EnvState, generator: torch.Generator) -> None:
+        """A control tick passes; what it draws is from ``generator``."""
+        state.tick += 1
+        state.episode_steps += 1
+        state.goal = self.goals.after_tick(state.goal, self._dt_s, generator)
 
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""

@@ -92,6 +92,7 @@ def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[st
         ),
         anchor_time_s=None,
         clips=ClipSettings(in_turn=True),
+        teacher=None,
     )
     none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
     return {

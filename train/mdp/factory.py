@@ -41,7 +41,7 @@ def build_environment(
     if isinstance(references, Reference):
         references = {"clip": references}
     scene = _shared_scene(references)
-    groups = [settings.actor_group()]
+    groups = settings.groups()
     tables = reference_tables(groups)
     references = {name: with_tables(robot, reference, tables) for name, reference in references.items()}
     generator, episodes, physics, physics_episodes = (

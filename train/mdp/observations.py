@@ -1,6 +1,7 @@
-"""What the actor sees: the terms of its layout, batched, with noise and history; and the critic's exact ones."""
+"""What actor and teacher see: the terms of their layouts, batched, with noise and history; the critic's exact ones."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import torch
 
@@ -21,6 +22,7 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
+from train.interface import width
 from train.mdp.draws import rand
 from train.mdp.sensing import Senses, senses_of
 from train.mdp.state import EnvState
@@ -38,29 +40,42 @@ class Observations:
         group: the actor's layout.
         noise: term name → half width of the uniform noise on the actor's samples, before scaling.
         device: where the robots are.
+        teacher: the layout of a teacher that looks at the same moments, with the same noise.
     """
 
-    def __init__(self, robot: Robot, group: ObservationGroup, noise: Mapping[str, float], device: Device) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        group: ObservationGroup,
+        noise: Mapping[str, float],
+        device: Device,
+        teacher: ObservationGroup | None = None,
+    ) -> None:
         self.group, self._device = group, device
-        self.layout = term_slices(group, robot.num_joints)
+        groups = {"actor": group} if teacher is None else {"actor": group, "teacher": teacher}
+        self.layouts = {name: term_slices(one, robot.num_joints) for name, one in groups.items()}
         dims = term_dims(robot.num_joints)
-        self._terms = term_order(group)
-        self._index = torch.as_tensor(gather_index(group, dims), device=device)
+        whole = replace(group, terms=tuple(entry for one in groups.values() for entry in one.terms))
+        self._terms, self._lags = term_order(whole), num_lags(whole)
+        index = torch.as_tensor(gather_index(whole, dims), device=device)
+        sizes_of = [width(layout) for layout in self.layouts.values()]
+        self._index = dict(zip(groups, index.split(sizes_of), strict=True))
         self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
         self._width = sample_width(self._terms, dims)
         sizes = [entry_size(t, dims) for t in self._terms]
         noises = [noise.get(t.term, 0.0) * t.scale for t in self._terms]
         self._noise = torch.cat([torch.full((n,), half, device=device) for n, half in zip(sizes, noises, strict=True)])
         looks_ahead = [torch.full((n,), bool(t.ticks), device=device) for n, t in zip(sizes, self._terms, strict=True)]
-        self._ahead = torch.cat(looks_ahead).nonzero()[:, 0]
+        own_terms = sample_width(term_order(group), dims)  # the first of a sample
+        self._ahead = torch.cat(looks_ahead)[:own_terms].nonzero()[:, 0]
         self._own = (~torch.cat(looks_ahead)).nonzero()[:, 0]
-        self.window_ticks = window_ticks([group])
+        self.window_ticks = window_ticks([*groups.values()])
         self._default = torch.tensor(robot.default_pos_rad, device=device).float()
 
     def histories(self, num_envs: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Empty ones of actor (B, L, W) and critic (B, 5, V+3); V: what does not look ahead."""
         return (
-            torch.zeros(num_envs, num_lags(self.group), self._width, device=self._device),
+            torch.zeros(num_envs, self._lags, self._width, device=self._device),
             torch.zeros(num_envs, CRITIC_LAGS, len(self._own) + 3, device=self._device),
         )
 
@@ -121,7 +136,12 @@ class Observations:
 
     def actor(self, history: torch.Tensor) -> torch.Tensor:
         """The actor's observation (B, n), laid out of its ``history`` (B, L, W)."""
-        return history.flatten(1).gather(1, self._index.expand(len(history), -1))
+        return self.groups(history)["actor"]
+
+    def groups(self, history: torch.Tensor) -> dict[str, torch.Tensor]:
+        """The observations (B, n) of actor and teacher, by name, laid out of the ``history`` (B, L, W)."""
+        flat = history.flatten(1)
+        return {name: flat.gather(1, index.expand(len(flat), -1)) for name, index in self._index.items()}
 
 
 def term_slices(group: ObservationGroup, num_joints: int) -> dict[str, slice]:

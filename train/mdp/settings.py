@@ -166,6 +166,7 @@ class EnvironmentSettings:
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     ``anchor_time_s``: see :class:`train.mdp.anchor.Anchor`.
     ``goals``: what of the reference robots are shown; None: all.
+    ``teacher``: the layout of what a teacher sees of the same moments; None: there is none.
     """
 
     rewards: dict[str, RewardTerm]
@@ -190,6 +191,7 @@ class EnvironmentSettings:
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     sensing: SensingSettings = field(default_factory=SensingSettings)
     goals: GoalSettings | None = None
+    teacher: str | None = None
 
     def __post_init__(self) -> None:
         for name, term in self.rewards.items():
@@ -227,9 +229,11 @@ class EnvironmentSettings:
                 "unusable lags", where="environment.older_lags", got=[list(block) for block in self.older_lags],
                 expected=f"blocks of ticks from 5 to {MAX_LAG}, rising from one to the next",
             )  # fmt: skip
-        if isinstance(self.observations, str) and self.observations not in LAYOUTS:
-            where = "environment.observations"
-            raise InputError("unknown layout", where=where, got=self.observations, expected=", ".join(LAYOUTS))
+        for name in ("observations", "teacher"):
+            layout = getattr(self, name)
+            if isinstance(layout, str) and layout not in LAYOUTS:
+                where = f"environment.{name}"
+                raise InputError("unknown layout", where=where, got=layout, expected=", ".join(LAYOUTS))
         check_terms(self.actor_group(), "environment.observations")
         if self.goals is not None and self.anchor_time_s is not None:
             raise InputError(
@@ -246,3 +250,11 @@ class EnvironmentSettings:
             return ObservationGroup("actor_obs", self.observations)
         layout = LAYOUTS[self.observations]
         return layout(older_lags=self.older_ticks()) if self.older_lags else layout()
+
+    def teacher_group(self) -> ObservationGroup | None:
+        """The layout of the teacher's observation, where there is a teacher."""
+        return None if self.teacher is None else LAYOUTS[self.teacher]()
+
+    def groups(self) -> list[ObservationGroup]:
+        """The layouts of all who look."""
+        return [group for group in (self.actor_group(), self.teacher_group()) if group is not None]

@@ -67,7 +67,7 @@ class TrackingEnv:
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._physics = Physics(simulator, robot, device)
         self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
-        self.observations = Observations(robot, s.actor_group(), s.observation_noise, device)
+        self.observations = Observations(robot, s.actor_group(), s.observation_noise, device, s.teacher_group())
         self._sensors = Sensors(s.sensing, CONTROL_PERIOD_S, episodes)
         self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
         self.rewards = RewardSum(
@@ -110,8 +110,8 @@ class TrackingEnv:
 
     @property
     def layout(self) -> dict[str, Mapping[str, slice]]:
-        """Where what lies in the observations: group → term[lag] of the actor, or term of the critic → columns."""
-        return {"actor": self.observations.layout, "critic": self.critic.layout}
+        """Where what lies in the observations: group → term[lag] of actor or teacher, term of the critic → columns."""
+        return {**self.observations.layouts, "critic": self.critic.layout}
 
     @property
     def actor_group(self) -> ObservationGroup:
@@ -128,8 +128,7 @@ class TrackingEnv:
         state = self.state
         self.disturbed = self.events.apply(state.event_wait_s, self._physics, self.simulator.randomization)
         self._physics.step(self.targets_of(action))
-        state.tick += 1
-        state.episode_steps += 1
+        self.command.advance(state, self._generator)
         t = self._after_physics(action)
         rewards = self.rewards.of(t, self.curricula["penalty_scale"].value)
         timed_out = self.command.is_over(state) & ~t.terminated
@@ -245,7 +244,7 @@ class TrackingEnv:
 
     def _observe(self) -> dict[str, torch.Tensor]:
         return {
-            "actor": self.observations.actor(self.state.actor_history),
+            **self.observations.groups(self.state.actor_history),
             "critic": self.critic.view(self.state, self._everyone),
         }
 

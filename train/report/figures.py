@@ -84,6 +84,16 @@ PANELS = (
         "imagined/joints", "imagined/joint_speeds", "imagined/velocity", "imagined/spin"), logarithmic=True,
         caption="What the policy learns by, weighted.",
     ),
+    Panel(
+        "Distillation", "value", ("distil/",), logarithmic=True,
+        caption="action: mean square of what the student is off the teacher, with the encoder's latent; "
+        "deployed_action: with the prior's mean. kl: from the prior to the encoder, in nats.",
+    ),
+    Panel("Who acts", "share of robots", ("acts/",), caption="The teacher, or the student in one of its ways."),
+    Panel(
+        "Error by kind of goal", "mm", ("goal/",), logarithmic=True,
+        caption="Empbpe over all training environments, by what of the reference they are shown.",
+    ),
     Panel("Speed", "steps/s", ("time/steps_per_s",), caption="Control steps of all environments per second."),
     Panel(
         "Reward", "per step", (_REWARD,),
