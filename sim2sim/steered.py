@@ -109,7 +109,7 @@ def play_steered(request: EvaluationRequest, policy: str, episode: int) -> Steer
     stand = load_run("stand", None, robot, settings.entry)
     standing, period_s = stand.goals.setting, stand.period_s
     goals, _ = narrowed(settings.goals, read_metadata(resolve_actor(policy)).spec.provenance)
-    guard, points = GoalGuard(goals, period_s), PointGuard(goals.points, robot, standing)
+    guard, points = GoalGuard(goals, period_s), PointGuard(goals, robot, standing)
     watch = _Watch(guard, robot, points)
     pilot: Pilot = RandomStick(goals, period_s, rng)
     if request.goal == "reach":

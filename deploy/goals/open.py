@@ -72,7 +72,7 @@ class GoalDesk:
         standing = self.stand.goals.setting
         settings, limits = narrowed(self.settings.goals, spec.provenance)
         self.say(limits)
-        guards = (GoalGuard(settings, standing.dt_s), PointGuard(settings.points, self.robot, standing))
+        guards = (GoalGuard(settings, standing.dt_s), PointGuard(settings, self.robot, standing))
         if option.source == "script":
             return self._scripted(option, policy, settings, *guards)
         if option.source == "udp":

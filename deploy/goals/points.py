@@ -11,7 +11,7 @@ from core.rotations import (
     quat_to_rotvec,
     yaw_quat,
 )
-from deploy.settings import PointSettings
+from deploy.settings import GoalSettings
 from motion.reference import Reference
 from policy.goals import POINTS
 from robot.robot import Robot
@@ -28,19 +28,21 @@ class PointGuard:
 
     A point is seen from the floor under the root, in the heading that is asked for: ahead, to the left, up, in m. How
     the head is turned is a rotation vector in the same frame, rad. What leaves the guard is inside the ranges and
-    changes no faster than the rates. Where nobody is heard, all goes back to where the stand actor has it.
+    changes no faster than the rates. Where nobody is heard, all is back where the stand actor has it within stop_s.
 
     kind: of :data:`policy.goals.KINDS`, what is shown of it. values: (4, 3) in force now, in the order of TRACKED.
     columns: of the points among the tracked ones of the robot, in that order; the head's is the last of three.
     """
 
-    def __init__(self, settings: PointSettings, robot: Robot, standing: Reference) -> None:
-        ranges = [getattr(settings, name) for name in TRACKED]
+    def __init__(self, settings: GoalSettings, robot: Robot, standing: Reference) -> None:
+        ranges = [getattr(settings.points, name) for name in TRACKED]
         self._low, self._high = (np.array([getattr(one, end) for one in ranges]) for end in ("low", "high"))
         self._step = np.array([[one.per_s * standing.dt_s] for one in ranges])
-        self._ahead_s, self._period_s = settings.ahead_s, standing.dt_s
+        self._ahead_s, self._period_s = settings.points.ahead_s, standing.dt_s
         self.columns = robot.tracked_index([robot.goal_points[POINTS.index(name)] for name in TRACKED[:-1]])
         self._rest = np.clip(_seen(standing, self.columns), self._low, self._high)
+        farthest = np.linalg.norm(np.maximum(self._high - self._rest, self._rest - self._low), axis=1, keepdims=True)
+        self._stop_step = np.maximum(self._step, farthest * standing.dt_s / settings.stop_s)
         self.start()
 
     def start(self) -> None:
@@ -55,15 +57,16 @@ class PointGuard:
 
     def next(self, points: tuple[float, ...] | None) -> None:
         """One tick. points: finite numbers, of as many of TRACKED as are asked for; None: nobody is heard."""
-        target = self._rest.copy()
+        target, step = self._rest.copy(), self._stop_step if points is None else self._step
         if points is not None:
             self.kind = KINDS[len(points)]
             target.flat[: len(points)] = points
         before = self.values
-        change = np.clip(target, self._low, self._high) - before
+        target = np.clip(target, self._low, self._high)
+        change = target - before
         length = np.linalg.norm(change, axis=1, keepdims=True)
-        far = length > self._step
-        self.values = before + np.where(far, change * (self._step / np.where(far, length, 1.0)), change)
+        far = length > step
+        self.values = np.where(far, before + change * (step / np.where(far, length, 1.0)), target)
         self._speed = self._speed + SMOOTHING * ((self.values - before) / self._period_s - self._speed)
 
     def ahead(self, times_s: np.ndarray) -> np.ndarray:

@@ -87,7 +87,7 @@ def test_a_path_is_laid_where_the_robot_began_and_looked():
 def test_a_hand_is_seen_from_below_the_root_in_the_heading_asked_for():
     """In the stand pose, at the place the guard begins with; then the root turns by 0.1 rad and nothing else does."""
     standing = load_run("stand", None, ROBOT, load_settings().entry).goals.setting
-    guard, points = GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS.points, ROBOT, standing)
+    guard, points = GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS, ROBOT, standing)
     watch = _Watch(guard, ROBOT, points)
     bodies = ROBOT.kinematics.forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.default_pos_rad)
     hand = bodies.pos_w[points.columns[0]] + [0.0, 0.0, HEIGHT_M]

@@ -46,7 +46,7 @@ def stand(folder):
 
 @pytest.fixture
 def guard(stand):
-    return PointGuard(POINTS, ROBOT, stand.goals.setting)
+    return PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
 
 
 @pytest.fixture
@@ -128,6 +128,19 @@ def test_a_point_goes_on_and_slows_down(guard):
 SILENCES = [NOBODY, Steer(0.1, 0.0, 0.0, 0.26, HANDS_OUT), Steer(0.1, 0.0, 0.0, 0.0, (math.nan,) * 3)]
 
 
+def test_a_slow_point_is_at_rest_in_half_a_second_too(stand):
+    """From the corner that is farthest away, where the rate alone would take a minute."""
+    slow = replace(POINTS, **{name: replace(getattr(POINTS, name), per_s=0.01) for name in TRACKED})
+    guard = PointGuard(replace(SETTINGS.goals, points=slow), ROBOT, stand.goals.setting)
+    rest = guard.values
+    guard.kind, guard.values = "vr3", np.where(HIGH - rest > rest - LOW, HIGH, LOW)
+    for _ in range(24):
+        guard.next(None)
+    assert not guard.rested
+    guard.next(None)
+    assert guard.values == pytest.approx(rest, abs=1e-9)
+
+
 @pytest.mark.parametrize("silence", SILENCES)
 def test_where_nobody_is_heard_all_comes_to_rest_and_is_over_after_two_seconds(stand, guard, silence):
     hand = Hand()
@@ -197,7 +210,7 @@ def runs_of(folder, stand, port, reference, kind):
     """The same actor behind the clip source and behind datagrams."""
     run = load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry, kind)
     clip = ClipGoal("it", run.clip, reference, run.start_pose_rad, kind)
-    points = PointGuard(POINTS, ROBOT, stand.goals.setting)
+    points = PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
     udp = SteerGoal("udp", port, stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
     runs = [ActorRun(run.actor, ROBOT, SETTINGS.entry, goal) for goal in (clip, udp)]
     for one in runs:
@@ -265,11 +278,12 @@ def hostile(rng, number):
 
 def test_a_thousand_hostile_datagrams_leave_all_within_ranges_and_rates(folder, stand, port, sender):
     rng = np.random.default_rng(11)
-    points = PointGuard(POINTS, ROBOT, stand.goals.setting)
+    points = PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
     goal = SteerGoal("udp", port, stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
     run = ActorRun(load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor, ROBOT, SETTINGS.entry, goal)
     run.start()
-    rates, before, moved = np.array([2.5, 2.5, 1.0, 2.5]) * PERIOD_S, points.values, 0
+    # m/s and rad/s; the head's is that of a stop: 0.52 m at most in 0.5 s
+    rates, before, moved = np.array([2.5, 2.5, 1.05, 2.5]) * PERIOD_S, points.values, 0
     for number in range(1000):
         if (datagram := hostile(rng, number)) is not None:
             sender.raw(datagram)
@@ -288,7 +302,7 @@ def test_a_robot_in_the_loop_stands_through_a_thousand_hostile_datagrams_and_aft
     """20 s of them in MuJoCo, then silence: HOLD, no fault, and no torque beyond the limits."""
     stage, rng = Stage(actors), np.random.default_rng(12)
     setting = stage.stand.goals.setting
-    points = PointGuard(POINTS, ROBOT, setting)
+    points = PointGuard(SETTINGS.goals, ROBOT, setting)
     run = stage.cell.machine.tracked[0]
     run.goals = SteerGoal("udp", port, setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
     kinds = set()

@@ -156,7 +156,7 @@ def scripted(folder, stand, text, clips=()):
     path = folder / "script.yaml"
     path.write_text(text)
     standing = stand.goals.setting
-    guards = (GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS.points, ROBOT, standing))
+    guards = (GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS, ROBOT, standing))
     return ScriptGoal("script", load_script(path, GOALS), list(clips), standing, GOALS, *guards)
 
 
