@@ -10,8 +10,10 @@ import numpy as np
 
 from core.errors import InputError
 
+GAP_PX = 2
 
-def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px: int = 2) -> np.ndarray:
+
+def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
     """Pictures (H, W, 3) uint8 of one size side by side, in rows of ``columns`` (default: one row)."""
     if not pictures:
         raise InputError("filmstrip", got="no pictures", expected="one or more")
@@ -21,9 +23,9 @@ def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px
     per_row = min(columns or len(pictures), len(pictures))
     rows = -(-len(pictures) // per_row)
     height, width, _ = pictures[0].shape
-    strip = np.full((rows * (height + gap_px) - gap_px, per_row * (width + gap_px) - gap_px, 3), 255, dtype=np.uint8)
+    strip = np.full((rows * (height + GAP_PX) - GAP_PX, per_row * (width + GAP_PX) - GAP_PX, 3), 255, dtype=np.uint8)
     for i, picture in enumerate(pictures):
-        top, left = (i // per_row) * (height + gap_px), (i % per_row) * (width + gap_px)
+        top, left = (i // per_row) * (height + GAP_PX), (i % per_row) * (width + GAP_PX)
         strip[top : top + height, left : left + width] = picture
     return strip
 

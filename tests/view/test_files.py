@@ -69,7 +69,7 @@ def test_a_picture_of_another_size_is_refused(tmp_path):
 
 def test_filmstrip_places_pictures_row_by_row():
     pictures = _pictures(5, 10, 20)
-    strip = filmstrip(pictures, columns=3, gap_px=2)
+    strip = filmstrip(pictures, columns=3)
     assert strip.shape == (22, 64, 3)
     assert (strip[:10, 22:42] == pictures[1]).all() and (strip[12:, :20] == pictures[3]).all()
     assert (strip[12:, 44:] == 255).all()
