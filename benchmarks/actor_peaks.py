@@ -54,7 +54,7 @@ class Watch:
         if state is None or state.truth is None:
             return
         if not self._backend.gantry_attached:
-            self.lowest_m = min(self.lowest_m, float(state.truth.root_pos_w[2]))
+            self.lowest_m = min(self.lowest_m, float(self._backend.scene.above(state.truth.root_pos_w)))
         if result.mode in RESTING:
             return
         sample = make_sample(state, asked=None if result.actor is None else result.actor.asked)

@@ -60,7 +60,7 @@ def replacing(path: Path) -> Iterator[Path]:
     unfinished = Path(name)
     try:
         yield unfinished
-        unfinished.chmod(stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_umask())
+        unfinished.chmod(stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~umask())
         _sync(unfinished)
         unfinished.replace(path)
         _sync(path.parent)
@@ -77,7 +77,8 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _umask() -> int:
+def umask() -> int:
+    """What the process takes away from a new file's mode."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

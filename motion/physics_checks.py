@@ -1,7 +1,7 @@
 """Can a clip be performed? Sliding and sinking feet, joint limits and speeds, balance (Eq. 1), self-collision."""
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -22,7 +22,10 @@ SELF_COLLISION_DEPTH_M = 1e-3
 
 @dataclass(frozen=True)
 class ClipReport:
-    """What check_clip found; lengths in m. Counts are frames x joints, self_collisions frames per pair of bodies."""
+    """What check_clip found; lengths in m. Counts are frames x joints, self_collisions frames per pair of bodies.
+
+    max_com_cop_m: infinite where no foot is near the ground.
+    """
 
     max_slide_m: float
     penetration_m: float
@@ -33,10 +36,6 @@ class ClipReport:
     stable_share: float
     max_com_cop_m: float
     self_collisions: dict[str, int]
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain values, for JSON; null for a distance without bound (no foot near the ground)."""
-        return asdict(self) | {"max_com_cop_m": self.max_com_cop_m if np.isfinite(self.max_com_cop_m) else None}
 
 
 def check_clip(clip: Clip, robot: Robot) -> ClipReport:

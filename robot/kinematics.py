@@ -96,10 +96,6 @@ class Kinematics:
         swing = array_module(pos).stack(cross_parts(ang_vel[:, c.point_bodies], arm))
         return BodyState(pos_w, quat_wxyz, _rows(c, lin_vel, swing, batch), _rows(c, ang_vel, 0.0, batch))
 
-    def center_of_mass(self, root_pos_w: Array, root_quat_wxyz: Array, joint_pos_rad: Array) -> Array:
-        """Centre of mass (..., 3) of the whole robot in the world; arguments as in ``forward``."""
-        return self.center_of_mass_of(self.forward(root_pos_w, root_quat_wxyz, joint_pos_rad))
-
     def center_of_mass_of(self, state: BodyState) -> Array:
         """Centre of mass (..., 3) of the whole robot, of a state that ``forward`` has computed."""
         quat = state.quat_wxyz[..., : self._num_bodies, :]

@@ -5,15 +5,15 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from core.errors import InputError
-from core.files import check_output_kind, write_whole
+
+GAP_PX = 2
 
 
-def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px: int = 2) -> np.ndarray:
+def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
     """Pictures (H, W, 3) uint8 of one size side by side, in rows of ``columns`` (default: one row)."""
     if not pictures:
         raise InputError("filmstrip", got="no pictures", expected="one or more")
@@ -23,25 +23,17 @@ def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None, gap_px
     per_row = min(columns or len(pictures), len(pictures))
     rows = -(-len(pictures) // per_row)
     height, width, _ = pictures[0].shape
-    strip = np.full((rows * (height + gap_px) - gap_px, per_row * (width + gap_px) - gap_px, 3), 255, dtype=np.uint8)
+    strip = np.full((rows * (height + GAP_PX) - GAP_PX, per_row * (width + GAP_PX) - GAP_PX, 3), 255, dtype=np.uint8)
     for i, picture in enumerate(pictures):
-        top, left = (i // per_row) * (height + gap_px), (i % per_row) * (width + gap_px)
+        top, left = (i // per_row) * (height + GAP_PX), (i % per_row) * (width + GAP_PX)
         strip[top : top + height, left : left + width] = picture
     return strip
 
 
-def write_png(path: Path | str, picture: np.ndarray) -> None:
-    """Write (H, W, 3) uint8. Raises InputError on a missing folder or a name that does not end in .png."""
-    path = Path(path)
-    check_output_kind(path, (".png",))
-    content = png_bytes(picture, where=str(path))
-    write_whole(path, content)
-
-
-def png_bytes(picture: np.ndarray, where: str = "picture") -> bytes:
-    """The .png file of a picture (H, W, 3) uint8. Raises InputError naming `where` when it is none."""
+def png_bytes(picture: np.ndarray) -> bytes:
+    """The .png file of a picture (H, W, 3) uint8. Raises InputError when it is none."""
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise InputError("picture", where=where, got=f"{picture.shape} {picture.dtype}", expected="(H, W, 3) uint8")
+        raise InputError("picture", got=f"{picture.shape} {picture.dtype}", expected="(H, W, 3) uint8")
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each line begins with filter 0: bytes as they are
     lines[:, 1:] = picture.reshape(height, -1)

@@ -17,7 +17,6 @@ from core.structured import distinct, one_of, positive, within
 from hal.can.codec import Codec
 from hal.can.codecs import make_codec
 from hal.can.endpoints import EMULATED_AS, ENDPOINT, endpoint_arguments
-from hal.can.frame import IdFilter
 from hal.contract.joint_map import JointMap
 from hal.imu.options import ImuOptions
 from hal.wire.lock import wire_name
@@ -207,7 +206,7 @@ class RobotFile:
         for i, k in combinations(members, 2):
             for one in self.codecs[i].occupied:
                 for other in self.codecs[k].occupied:
-                    if _overlap(one, other):
+                    if one.overlaps(other):
                         names = f"{self.motors[i].joint} and {self.motors[k].joint}"
                         raise InputError("motors share an identifier", where=f"bus {bus.name}", got=names)
 
@@ -265,11 +264,3 @@ def _range_of(motor: MotorEntry, robot: Robot) -> tuple[float, float]:
         where = f"motor of {motor.joint}: limits"
         raise InputError("pos_rad", where=where, got=[low, high], expected=f"within {lower:g} to {upper:g}")
     return low, high
-
-
-def _overlap(one: IdFilter, other: IdFilter) -> bool:
-    """Whether some identifier passes both."""
-    if None not in (one.extended, other.extended) and one.extended != other.extended:
-        return False
-    mask = one.mask & other.mask
-    return one.value & mask == other.value & mask

@@ -154,7 +154,7 @@ def with_endpoints(options: DynamixelOptions, endpoints: Mapping[str, str]) -> D
     return dataclasses.replace(options, ports=ports, imu=imu)
 
 
-def joint_map(options: DynamixelOptions, servos: tuple[ServoOptions, ...], robot: Robot) -> JointMap:
+def joint_map(servos: tuple[ServoOptions, ...], robot: Robot) -> JointMap:
     """The map of some servos. Raises InputError where the joints' ranges leave the turn open."""
     mapped = JointMap.of(
         [servo.joint for servo in servos],

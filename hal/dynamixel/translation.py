@@ -22,7 +22,7 @@ class Translation:
     def __init__(self, options: DynamixelOptions, port: PortOptions, robot: Robot) -> None:
         chosen = options.on(port)
         self.ids = [servo.id for servo in chosen]
-        self.map: JointMap = joint_map(options, chosen, robot)
+        self.map: JointMap = joint_map(chosen, robot)
         self.law = Law([options.model(servo) for servo in chosen], options.supply_v)
         self.index = np.array([robot.joint_names.index(servo.joint) for servo in chosen])
         self.bands = bands(robot, self.map.joint_names)

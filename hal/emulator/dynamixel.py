@@ -34,7 +34,7 @@ class PortLine:
     def __init__(self, robot: EmulatedRobot, faults: Faults, options: DynamixelOptions, port: PortOptions) -> None:
         self._robot, self._faults, self._options = robot, faults, port
         chosen = options.on(port)
-        maps = joint_map(options, chosen, robot.robot)
+        maps = joint_map(chosen, robot.robot)
         self.servos = {
             servo.id: EmulatedServo(servo.id, servo.joint, options.model(servo), maps.take([row]), options.supply_v)
             for row, servo in enumerate(chosen)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import InputError
+from core.files import umask
 from motion.report.record import CREATED_BY
 
 REPORT_JSON, REPORT_HTML = "report.json", "report.html"
@@ -46,7 +47,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], *, makes_parent: bool
     try:
         for name, content in files.items():
             (fresh / name).write_bytes(content)
-        fresh.chmod(0o777 & ~_umask())
+        fresh.chmod(0o777 & ~umask())
         if folder.exists():
             folder.rename(old)
         try:
@@ -77,9 +78,3 @@ def read_report(path: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) and content.get("created_by") == CREATED_BY else None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,6 +1,5 @@
 """Each check against poses and tracks whose answer is known by construction."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -123,7 +122,6 @@ def test_report_of_a_standing_robot(robot, standing_clip):
     assert report.position_violations == report.speed_violations == 0
     assert report.stable and report.stable_share == 1.0 and report.max_com_cop_m < 0.1
     assert report.self_collisions == {}
-    assert json.loads(json.dumps(report.as_dict()))["stable"] is True
 
 
 def test_heights_are_measured_from_the_scene(robot, standing_clip):
@@ -146,12 +144,11 @@ def test_report_of_a_robot_that_sinks_floats_and_slides(robot, standing_clip):
     assert report.max_slide_m == pytest.approx(0.05)
 
 
-def test_a_report_of_a_jump_is_valid_json(robot, standing_clip):
+def test_a_jump_has_no_distance(robot, standing_clip):
     high = on_the_ground(standing_clip(), robot)
     high[15, 2] += 0.3
     report = check_clip(standing_clip(root_pos_w=high), robot)
     assert report.max_com_cop_m == np.inf
-    assert json.loads(json.dumps(report.as_dict(), allow_nan=False))["max_com_cop_m"] is None
 
 
 def test_a_robot_that_leans_too_far_is_unstable(robot, standing_clip):

@@ -65,7 +65,7 @@ def test_agrees_with_mujoco(robot):
     kinematics = robot.kinematics
     states = _states(robot)
     bodies = kinematics.forward(*states)
-    com = kinematics.center_of_mass(*states[:3])
+    com = kinematics.center_of_mass_of(bodies)
     for i, state in enumerate(zip(*states)):
         pos, quat, lin_vel, ang_vel, expected_com = _mujoco_state(robot, model, *state)
         assert np.abs(bodies.pos_w[i] - pos).max() < 1e-9
@@ -123,7 +123,7 @@ def test_any_leading_dimensions(robot):
     assert folded.pos_w.shape == (3, 4, points, 3) and single.quat_wxyz.shape == (points, 4)
     assert np.array_equal(folded.lin_vel_w.reshape(flat.lin_vel_w.shape), flat.lin_vel_w)
     assert np.allclose(single.ang_vel_w, flat.ang_vel_w[5], atol=1e-14)
-    assert kinematics.center_of_mass(*(s[5] for s in states[:3])).shape == (3,)
+    assert kinematics.center_of_mass_of(single).shape == (3,)
 
 
 def test_without_velocities_there_are_none(robot):

@@ -22,11 +22,6 @@ from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
 
 
 @pytest.fixture(scope="module")
-def still(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(write_still_actor(tmp_path_factory.mktemp("still") / "actor.onnx"))
-
-
-@pytest.fixture(scope="module")
 def waving(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Lifts an arm that the clip holds still."""
     path = tmp_path_factory.mktemp("waving") / "actor.onnx"

@@ -17,11 +17,6 @@ SLIPPERY = Condition("slippery", "reference", 2, friction=0.3)
 KICKED = Condition("kicked", "default", 1, delay_ms=20.0, push_m_s=0.5)
 
 
-@pytest.fixture(scope="module")
-def still(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(write_still_actor(tmp_path_factory.mktemp("still") / "actor.onnx"))
-
-
 def played(request: EvaluationRequest):
     return evaluate(Player(request), workers=1)
 

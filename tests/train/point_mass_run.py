@@ -4,6 +4,7 @@ python point_mass_run.py RUN_DIR ITERATIONS [resume]
 """
 
 import io
+import json
 import sys
 import time
 from pathlib import Path
@@ -48,6 +49,12 @@ def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpo
     if state:
         runner.load_state_dict(state)
     return runner
+
+
+def rows(run_dir):
+    """What a run wrote, an iteration a row, without what depends on the machine."""
+    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
+    return [{key: value for key, value in row.items() if not key.startswith("time/")} for row in lines]
 
 
 class SlowEnv(PointMassEnv):

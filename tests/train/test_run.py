@@ -15,6 +15,7 @@ from motion.clip import save_clip
 from motion.library import open_motion
 from policy.actor import load_actor
 from robot.robot import load_robot
+from tests.train.point_mass_run import rows
 from tests.train.worlds import beginning_of
 from train import session
 from train.checkpoint import save_state
@@ -88,11 +89,6 @@ def test_a_clip_with_nan_or_a_wrong_joint_is_refused(capsys, tmp_path):
     np.savez(path, **arrays)
     assert "tail_joint" in failed(capsys, f"motion={path}", f"run_dir={tmp_path / 'run'}")
     assert not (tmp_path / "run").exists()
-
-
-def rows(run_dir):
-    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
-    return [{key: value for key, value in row.items() if not key.startswith("time/")} for row in lines]
 
 
 def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):

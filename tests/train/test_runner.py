@@ -1,6 +1,5 @@
 """Runs: resume to the same numbers, orderly stops, selection of the best actor, NaN dumps."""
 
-import json
 import os
 import signal
 import subprocess
@@ -13,17 +12,12 @@ import pytest
 import torch
 
 from tests.train.point_mass import PointMassEnv
-from tests.train.point_mass_run import make_runner
+from tests.train.point_mass_run import make_runner, rows
 from train.checkpoint import Checkpoints, load_state
 from train.hooks import EvaluationHook, Hook
 from train.nan_guard import NonFiniteError, replay
 
 REPOSITORY = Path(__file__).parents[2]
-
-
-def rows(run_dir):
-    lines = [json.loads(line) for line in (run_dir / "metrics.jsonl").read_text().splitlines()]
-    return [{key: value for key, value in row.items() if not key.startswith("time/")} for row in lines]
 
 
 def same(a, b):

@@ -22,11 +22,10 @@ def checked_model(codec: str, models: Mapping[str, MotorModel], name: str) -> Mo
     return models[name]
 
 
-def checked_number(what: str, value: Any, *, above: float = 0.0, upper: float = math.inf) -> float:
-    """A finite number in (above, upper]. Raises InputError."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not above < value <= upper or value == math.inf:
-        limit = "" if upper == math.inf else f" and at most {upper:g}"
-        raise InputError(what, got=repr(value), expected=f"a number above {above:g}{limit}")
+def checked_number(what: str, value: Any) -> float:
+    """A finite number above 0. Raises InputError."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        raise InputError(what, got=repr(value), expected="a number above 0")
     return float(value)
 
 
