@@ -17,7 +17,7 @@ def step(number, robots=2, segment=0, age=None):
 @pytest.fixture
 def ring():
     """Thirty steps of two robots in a ring of twenty."""
-    ring = Ring(20, 2, (1, 1, 1))
+    ring = Ring(20, 2, (1, 1, 1), "cpu")
     for number in range(30):
         ring.write(step(number))
     return ring
@@ -37,7 +37,7 @@ def test_only_the_newest_are_drawn_where_asked(ring):
 
 
 def test_a_queue_reaches_back_to_the_episodes_first_target():
-    ring = Ring(20, 1, (1, 1, 1))
+    ring = Ring(20, 1, (1, 1, 1), "cpu")
     for number, age in enumerate((7, 8, 9, 0, 1, 2)):
         ring.write(step(number, robots=1, age=age))
     at, robots, first = torch.tensor([3, 4, 5]), torch.zeros(3, dtype=torch.long), torch.full((3, 1), -1.0)
@@ -47,7 +47,7 @@ def test_a_queue_reaches_back_to_the_episodes_first_target():
 
 
 def test_what_was_written_comes_back(ring):
-    other = Ring(20, 2, (1, 1, 1))
+    other = Ring(20, 2, (1, 1, 1), "cpu")
     other.load_state_dict(ring.state_dict())
     times, robots = ring.sample(50, 2, None, torch.Generator().manual_seed(2))
     assert torch.equal(other.states(times, robots), ring.states(times, robots)) and other.next == ring.next
