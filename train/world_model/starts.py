@@ -6,16 +6,19 @@ import torch
 from torch import Tensor
 
 from core.rotations import quat_from_rotvec, quat_mul
+from policy.goals import bits_of
 from train.mdp.draws import normal, one_of, rand, whole
 from train.mdp.failures import BIN_TICKS
 from train.mdp.goals import Goals, GoalSettings
 from train.mdp.tick import ReferenceTable
+from train.mdp.tracking import CONTROL_PERIOD_S
 from train.world_model.ring import Ring
 from train.world_model.settings import StartsSettings
 from train.world_model.state import Motion, reference_motion, unpack
 
 # Standard deviations of what is added to a reference frame: m, rad, m/s, rad/s, rad, rad/s.
 PLACE_NOISE_M = (0.05, 0.05, 0.005)
+SPEED_WEIGHT_S = 0.05  # what a joint's speed counts beside its position, where poses are compared
 NOISE = {"tilt": 0.05, "lin_vel": 0.15, "ang_vel": 0.3, "joint_pos": 0.04, "joint_vel": 0.5}
 
 
@@ -71,7 +74,7 @@ class Starts:
         """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
         newest = self._settings.newest_steps // self._ring.num_envs
         times, robots = self._ring.sample(number, 0, newest, self.generator)
-        start = self.of(times[0], robots)
+        start = self.in_phase(self.of(times[0], robots))
         return self.anchored(self._with_references(start, round(self._settings.reference_share * number), hard))
 
     def of(self, times: Tensor, robots: Tensor) -> Start:
@@ -139,6 +142,26 @@ class Starts:
             off(frames.joint_pos_rad, NOISE["joint_pos"]),
             off(frames.joint_vel_rad_s, NOISE["joint_vel"]),
         )
+
+    def in_phase(self, start: Start) -> Start:
+        """Robots that are shown no more than how all moves are compared with the frame nearby whose pose is theirs.
+
+        They cannot know which foot is next. To walk out of step would cost more than to stand.
+        """
+        reach = round(self._settings.phase_s / CONTROL_PERIOD_S)
+        (free,) = ((start.goal & ~bits_of(("steer",))) == 0).nonzero(as_tuple=True)
+        if not reach or not len(free):
+            return start
+        clip, motion = start.clip[free], start.motion.rows(free)
+        offsets = torch.arange(-reach, reach + 1, device=clip.device)
+        tick = torch.minimum((start.tick[free] + offsets[:, None]).clamp(min=0), self._table.num_ticks[clip] - 1)
+        rows = self._table.rows(clip.repeat(len(offsets)), tick.flatten())
+        pose = (rows.joint_pos_rad.view(len(offsets), len(free), -1) - motion.joint_pos_rad).square().sum(dim=-1)
+        speed = (rows.joint_vel_rad_s.view(len(offsets), len(free), -1) - motion.joint_vel_rad_s).square().sum(dim=-1)
+        nearest = (pose + SPEED_WEIGHT_S**2 * speed).argmin(dim=0, keepdim=True)
+        moved = start.tick.clone()
+        moved[free] = tick.gather(0, nearest)[0]
+        return replace(start, tick=moved)
 
     def anchored(self, start: Start) -> Start:
         """Moved along the ground to within ``place_m`` of the reference: a robot can know nothing of its place."""

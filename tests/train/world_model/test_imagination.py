@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from policy.action import decode_action
+from policy.goals import bits_of
 from robot.robot import load_robot
 from tests.train.world_model.small import iterate, small
 from train.mdp.sensing import Sensing
@@ -14,7 +15,7 @@ from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 from train.simulation.domain import nominal_domain
 from train.world_model.context import context_of, packed_context
 from train.world_model.cost import terms_of, total
-from train.world_model.state import motion_of, pack, unpack
+from train.world_model.state import motion_of, pack, reference_motion, unpack
 
 ROBOT = load_robot()
 SENSING = "environment.sensing={encoder_offset_rad: 0.02, heading_drift_rad_s: 0.2, delay_s: [0.0, 0.02]}"
@@ -153,3 +154,17 @@ def test_a_robot_that_is_lost_stays_lost(parts):
     play = learning._imagination.play
     alive = play(learning.averaged, learning.model, dataclasses.replace(start, motion=fallen), noisy=False).alive
     assert alive[0].sum() == 0.0 and alive.sum() == 0.0
+
+
+def test_who_is_told_of_speeds_alone_is_compared_with_the_pose_nearby_that_is_his(parts, start, monkeypatch):
+    """Robots are 9 ticks ahead of their references; half of them are told nothing that says so."""
+    env, _, _, learning = parts
+    starts = learning._starts
+    monkeypatch.setattr(starts, "_settings", dataclasses.replace(starts._settings, phase_s=0.4))
+    tick = torch.full_like(start.tick, 60)
+    ahead = reference_motion(env.command.table.rows(start.clip, tick + 9))
+    told_little = torch.arange(env.num_envs) % 2 == 0
+    goal = torch.where(told_little, bits_of(("steer",)), bits_of(("steer", "left_hand")))
+    found = starts.in_phase(dataclasses.replace(start, motion=ahead, tick=tick, goal=goal))
+    assert found.tick.tolist() == [69 if little else 60 for little in told_little]
+    assert starts.in_phase(dataclasses.replace(start, goal=torch.full_like(goal, 2))).tick is start.tick
