@@ -68,11 +68,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=path_argument, metavar="F")
     options = parser.parse_args(arguments)
     check_output_file("--json", options.json)
-    runs = [(f"--{name}", value) for name in ("motion", "goal") for value in getattr(options, name)] or [()]
+    runs: list[tuple[str, ...]] = [
+        (f"--{name}", value) for name in ("motion", "goal") for value in getattr(options, name)
+    ]
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for backend in options.backend or BACKENDS:
-            for given in runs:
+            for given in runs or [()]:
                 rows.append(play(backend, options.policy, given, Path(folder)))
                 print(line(rows[-1]), flush=True)
     if options.json is not None:
