@@ -1,5 +1,6 @@
 """The gate before the rules, for the IMU: a sample that no turn of the base leads to is not believed."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,8 @@ class ImuGate:
         rate_rad_s = float(np.linalg.norm(new.ang_vel_b))
         allowed_rad_s = self._noise_rad_s() + 0.5 * float(np.linalg.norm(before.ang_vel_b))
         off_rad_s = float(np.linalg.norm(turned_rad - explained_rad)) / gap_s
-        self._off_rad_s.append(off_rad_s)
+        if math.isfinite(off_rad_s):
+            self._off_rad_s.append(off_rad_s)
         if not (rate_rad_s > self._fastest_rad_s or off_rad_s > allowed_rad_s):
             return ""
         turn_rad = float(np.linalg.norm(turned_rad))

@@ -118,6 +118,17 @@ def test_a_small_jump_of_a_quiet_imu_is_refused_and_the_noise_of_another_believe
     assert noisy.believed(jump) is jump
 
 
+def test_what_is_no_number_is_no_noise():
+    """Nor does it make a quiet IMU's jumps believed afterwards."""
+    guard, rng = Guard(ROBOT, SETTINGS, PERIOD_S), np.random.default_rng(0)
+    assert jittering(guard, 0.002, 60, rng) == []
+    for tick in range(60, 75):
+        guard.believed(said(tick, np.full(4, np.nan), NO_RATE))
+    guard.believed(said(75, tilted(0.0), NO_RATE))
+    jump = said(76, tilted(0.2), NO_RATE)
+    assert guard.believed(jump) is not jump
+
+
 def test_an_imu_that_says_the_same_twice_or_comes_late_is_believed():
     guard, readings = Guard(ROBOT, SETTINGS, PERIOD_S), list(turning([11.0] * 6))
     ages_s = (0.0, 0.0, PERIOD_S, 0.005, 0.0, 0.002)
