@@ -11,24 +11,24 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalRanges:
-    """Ranges (low, high) and half widths of uniform draws; as they stand here, nothing differs.
+    """Ranges (low, high) and half widths of uniform draws.
 
     Scales are factors on the nominal value. friction: effective sliding friction of foot on ground. com_xy_m, com_z_m:
     half widths of the shift of the torso's centre of mass. torque_noise, torque_offset: half widths, as shares of each
     joint's torque limit; the noise is that times torque_noise_scale. delay_s: from a command until it acts.
     """
 
-    friction: Range = (1.0, 1.0)
-    kp_scale: Range = (1.0, 1.0)
-    kd_scale: Range = (1.0, 1.0)
-    mass_scale: Range = (1.0, 1.0)
-    inertia_scale: Range = (1.0, 1.0)
-    com_xy_m: float = 0.0
-    com_z_m: float = 0.0
-    torque_noise: float = 0.0
-    torque_noise_scale: Range = (0.5, 1.5)
-    torque_offset: float = 0.0
-    delay_s: Range = (0.0, 0.0)
+    friction: Range
+    kp_scale: Range
+    kd_scale: Range
+    mass_scale: Range
+    inertia_scale: Range
+    com_xy_m: float
+    com_z_m: float
+    torque_noise: float
+    torque_noise_scale: Range
+    torque_offset: float
+    delay_s: Range
 
     def __post_init__(self) -> None:
         """Check that ranges are ordered and nothing is negative."""

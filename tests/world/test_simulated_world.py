@@ -4,6 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from core.config import config_file
+from core.errors import InputError
 from core.rotations import projected_gravity, quat_from_axis_angle
 from hal.simulated.mujoco import MujocoBackend
 from tests.hal.rigs import G1, PERIOD_S, UPRIGHT, hold, mujoco_backend, pass_time, run
@@ -243,3 +245,14 @@ def test_episodes_depend_on_their_generator_only() -> None:
 
     np.testing.assert_array_equal(end(1, before=0), end(1, before=3))
     assert np.abs(end(1, before=0) - end(2, before=0)).max() > 1e-4
+
+
+def test_a_range_that_a_world_leaves_out_is_refused_by_name(tmp_path) -> None:
+    """Somebody's own world with an old name in it must not be one in which nothing differs."""
+    world = tmp_path / "mine.yaml"
+    world.write_text(config_file("world", "default").read_text().replace("  com_xy_m: 0.05", "  com_m: 0.05"))
+    with pytest.raises(InputError, match=r"mine\.yaml: randomization\.com_"):
+        load_sim_options(world)
+    world.write_text(config_file("world", "default").read_text().replace("  kp_scale: [0.9, 1.1]", "  "))
+    with pytest.raises(InputError, match=r"randomization\.kp_scale: missing key"):
+        load_sim_options(world)

@@ -13,7 +13,7 @@ from world.domain import PhysicalRanges, Range
 
 @dataclass(frozen=True, kw_only=True)
 class DomainRanges(PhysicalRanges):
-    """What differs between environments. Gains, torques and delay are drawn per episode.
+    """What differs between environments, by default nothing. Gains, torques and delay are drawn per episode.
 
     ``sole_scale`` moves each point of a sole towards the sole's centre, as no two contact models agree on where a flat
     foot bears; ``inertia_of`` names the links whose inertia differs: all that masses differ of, or the ankles; the
@@ -21,7 +21,18 @@ class DomainRanges(PhysicalRanges):
     of this.
     """
 
+    friction: Range = (1.0, 1.0)
     sole_scale: Range = (1.0, 1.0)
+    kp_scale: Range = (1.0, 1.0)
+    kd_scale: Range = (1.0, 1.0)
+    mass_scale: Range = (1.0, 1.0)
+    inertia_scale: Range = (1.0, 1.0)
+    com_xy_m: float = 0.0
+    com_z_m: float = 0.0
+    torque_noise: float = 0.0
+    torque_noise_scale: Range = (0.5, 1.5)
+    torque_offset: float = 0.0
+    delay_s: Range = (0.0, 0.0)
     inertia_of: Literal["all", "ankles"] = "all"
     nominal_share: float = 0.0
     delay_whole_steps: bool = False
