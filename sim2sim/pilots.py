@@ -1,5 +1,6 @@
 """Who steers a robot that is scored: a stick, a path and a hand's places, all of them random."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
@@ -17,11 +18,10 @@ SLOWEST = 0.5  # share of the highest speed
 INNER = 0.5  # share of a hand's range from which places are drawn: its corners are beyond the arm
 
 
-class RandomStick:
-    """A pilot that moves a stick to a random place every few seconds."""
+class _Changing(ABC):
+    """A pilot that asks for something else every few seconds."""
 
-    def __init__(self, settings: GoalSettings, period_s: float, rng: np.random.Generator) -> None:
-        self._low, self._high = (np.array([getattr(axis, end) for axis in settings.axes]) for end in ("low", "high"))
+    def __init__(self, period_s: float, rng: np.random.Generator) -> None:
         self._period_s, self._rng = period_s, rng
         self.start()
 
@@ -33,33 +33,38 @@ class RandomStick:
         """See Pilot."""
         if self._left_ticks == 0:
             self._left_ticks = round(self._rng.uniform(*KEEPS_S) / self._period_s)
-            rests = self._rng.uniform() < RESTS
-            self._now = Steer(*(np.zeros(3) if rests else self._rng.uniform(self._low, self._high)).tolist())
+            self._now = self._drawn()
         self._left_ticks -= 1
         return self._now
 
+    @abstractmethod
+    def _drawn(self) -> Steer:
+        """What it asks for from now on."""
 
-class RandomReach:
-    """A pilot that stands and holds out the right hand, elsewhere every few seconds. bounds: of the hand."""
+
+class RandomStick(_Changing):
+    """Moves a stick to a random place."""
+
+    def __init__(self, settings: GoalSettings, period_s: float, rng: np.random.Generator) -> None:
+        self._low, self._high = (np.array([getattr(axis, end) for axis in settings.axes]) for end in ("low", "high"))
+        super().__init__(period_s, rng)
+
+    def _drawn(self) -> Steer:
+        rests = self._rng.uniform() < RESTS
+        return AT_REST if rests else Steer(*self._rng.uniform(self._low, self._high).tolist())
+
+
+class RandomReach(_Changing):
+    """Stands and holds out the right hand, elsewhere each time. bounds: of the hand."""
 
     def __init__(self, bounds: PointRange, period_s: float, rng: np.random.Generator) -> None:
         low, high = np.array(bounds.low), np.array(bounds.high)
         self._middle, self._half = 0.5 * (low + high), 0.5 * INNER * (high - low)
-        self._period_s, self._rng = period_s, rng
-        self.start()
+        super().__init__(period_s, rng)
 
-    def start(self) -> None:
-        """See Pilot."""
-        self._left_ticks, self._now = 0, AT_REST
-
-    def next(self) -> Steer:
-        """See Pilot."""
-        if self._left_ticks == 0:
-            self._left_ticks = round(self._rng.uniform(*KEEPS_S) / self._period_s)
-            place = self._middle + self._half * self._rng.uniform(-1.0, 1.0, 3)
-            self._now = Steer(0.0, 0.0, 0.0, points=tuple(place.tolist()))
-        self._left_ticks -= 1
-        return self._now
+    def _drawn(self) -> Steer:
+        place = self._middle + self._half * self._rng.uniform(-1.0, 1.0, 3)
+        return Steer(0.0, 0.0, 0.0, points=tuple(place.tolist()))
 
 
 class RandomPath:

@@ -17,12 +17,10 @@ from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.message import LARGEST, decode, encode, encode_points
 from deploy.goals.points import TRACKED, PointGuard
 from deploy.goals.steering import SteerGoal
-from deploy.goals.udp import LOOPBACK, UdpPort
 from deploy.settings import PointRange
 from motion.reference import Reference
 from motion.steering import steering_of
 from policy.goals import visible_in
-from tests.deploy.goals.test_udp import Sender
 from tests.deploy.goals.toys import Hand, Stage, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state
 
@@ -47,19 +45,6 @@ def stand(folder):
 @pytest.fixture
 def guard(stand):
     return PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
-
-
-@pytest.fixture
-def port():
-    with UdpPort(LOOPBACK, 0, PERIOD_S) as opened:
-        yield opened
-
-
-@pytest.fixture
-def sender(port):
-    made = Sender(port)
-    yield made
-    made.socket.close()
 
 
 def turn_about_z(angle_rad):

@@ -1,7 +1,6 @@
 """Goals as datagrams on a free port of the loopback; what is sent there has arrived when `sendto` returns."""
 
 import math
-import socket
 import struct
 
 import numpy as np
@@ -11,36 +10,9 @@ from core.errors import InputError
 from deploy.goals.guard import GoalGuard
 from deploy.goals.message import encode
 from deploy.goals.steering import SteerGoal
-from deploy.goals.udp import LOOPBACK, MOST_PER_TICK, UdpPort
+from deploy.goals.udp import MOST_PER_TICK, UdpPort
 from tests.deploy.goals.toys import standing_run
 from tests.deploy.toys import PERIOD_S, SETTINGS
-
-
-class Sender:
-    def __init__(self, port):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.to, self.number = port.address, 0
-
-    def raw(self, *datagrams):
-        for datagram in datagrams:
-            self.socket.sendto(datagram, self.to)
-
-    def say(self, *speeds):
-        self.number += 1
-        self.raw(encode(self.number, *speeds))
-
-
-@pytest.fixture
-def port():
-    with UdpPort(LOOPBACK, 0, PERIOD_S) as opened:
-        yield opened
-
-
-@pytest.fixture
-def sender(port):
-    made = Sender(port)
-    yield made
-    made.socket.close()
 
 
 def test_the_message_byte_by_byte():
