@@ -28,11 +28,15 @@ def play(backend: str, policy: str, given: Sequence[str], folder: Path) -> dict[
     result = folder / "result.json"
     result.unlink(missing_ok=True)
     command = [sys.executable, "-P", str(RUN), "--backend", backend, "--policy", policy, *given, "--json", str(result)]
-    ran = subprocess.run(
-        [*command, *(["--emulate"] if backend in WIRES else [])],
-        capture_output=True, text=True, timeout=LIMIT_S, check=False, stdin=subprocess.DEVNULL,
-    )  # fmt: skip
-    row: dict[str, Any] = {"backend": backend, "given": " ".join(given[1:]), "exit_code": ran.returncode}
+    row: dict[str, Any] = {"backend": backend, "given": " ".join(given[1:]), "exit_code": None}
+    try:
+        ran = subprocess.run(
+            [*command, *(["--emulate"] if backend in WIRES else [])],
+            capture_output=True, text=True, timeout=LIMIT_S, check=False, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return {**row, "outcome": f"not over in {LIMIT_S:g} s"}
+    row["exit_code"] = ran.returncode
     if not result.exists():
         return {**row, "outcome": (ran.stderr.strip().splitlines() or ["no result"])[-1]}
     told = json.loads(result.read_text())
