@@ -15,7 +15,7 @@ from core.errors import InputError
 from policy.adapters.registry import read_foreign_spec
 from policy.graph import NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
-from policy.observation import asks_for, gather_index, spec_dims
+from policy.observation import asks_for, observation_layout, spec_dims
 from policy.session import ORT_ERRORS, one_line, open_session
 from policy.spec import ActorSpec, MotionInfo
 from robot.robot import Robot
@@ -156,7 +156,7 @@ def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo |
 def _try_out(actor: Actor) -> None:
     spec = actor.spec
     dims = spec_dims(spec)
-    zeros = {group.name: np.zeros(len(gather_index(group, dims)), np.float32) for group in spec.observations}
+    zeros = {group.name: np.zeros(observation_layout(group, dims).size, np.float32) for group in spec.observations}
     try:
         action = actor.infer(zeros, actor.start_state()).action
     except ORT_ERRORS as error:

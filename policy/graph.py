@@ -9,7 +9,7 @@ from typing import Any
 import onnxruntime
 
 from core.errors import InputError
-from policy.observation import check_terms, gather_index, spec_dims
+from policy.observation import check_terms, observation_layout, spec_dims
 from policy.spec import ActorSpec, ObservationGroup
 from policy.terms import TERMS
 
@@ -28,7 +28,7 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
     dims = spec_dims(spec)
     for group in spec.observations:
         _check_given(path, group, dims)
-        size = len(gather_index(group, dims))
+        size = observation_layout(group, dims).size
         _check_tensor(f"{path}: graph input {group.name!r}", inputs[group.name], size, "the spec's layout")
     outputs = [entry for entry in session.get_outputs() if not entry.name.startswith(NEXT_STATE)]
     if len(outputs) != 1:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from core.errors import InputError
-from policy.observation import gather_index, num_lags, sample_clip, sample_width, term_order
+from policy.observation import num_lags, observation_layout, sample_clip, sample_width, term_order
 from policy.spec import HISTORY_STARTS, ObservationGroup
 
 
@@ -21,7 +21,7 @@ class ObservationHistory:
         if start not in HISTORY_STARTS:
             raise InputError("unknown history start", got=repr(start), expected=" or ".join(HISTORY_STARTS))
         self.terms = term_order(group)
-        self._index = gather_index(group, dims)
+        self._layout = observation_layout(group, dims)
         self._clip = sample_clip(self.terms, dims)
         self._repeat = start == "repeat"
         self._block = np.zeros((num_lags(group), sample_width(self.terms, dims)))
@@ -30,7 +30,7 @@ class ObservationHistory:
     @property
     def size(self) -> int:
         """n, the length of the observation."""
-        return len(self._index)
+        return self._layout.size
 
     def reset(self) -> None:
         """Forget everything pushed."""
@@ -44,4 +44,4 @@ class ObservationHistory:
         if self._empty and self._repeat:
             self._block[1:] = self._block[0]
         self._empty = False
-        return self._block.reshape(-1)[self._index].astype(np.float32)
+        return self._layout.of(self._block.reshape(-1)[self._layout.index]).astype(np.float32)

@@ -37,17 +37,23 @@ WINDOW_SCALES = {"reference_joint_vel": 0.05, "reference_ang_vel": 0.25}
 
 MEASURED = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel", "actions")
 TRACKER_LAGS = 5
+TRACKER_BLOCKS = (tuple(range(5, 13)), tuple(range(13, 37)))  # of older ticks, which white noise hardly reaches
 
 
 def tracker_actor_group(name: str = "actor_obs") -> ObservationGroup:
-    """What trackers trained through a world model see: what the robot measures and did, tick by tick, and how that
-    compares with the next tick; then, of the reference alone, the way ahead and the targets that carry it."""
+    """What trackers trained through a world model see: what the robot measures and did, tick by tick and on average
+    before, and how that compares with the next tick; then the way ahead and the targets that carry it."""
 
     def ahead(term: str, *ticks: int) -> ObservationTerm:
         return ObservationTerm(term, scale=WINDOW_SCALES.get(term, 1.0), ticks=ticks)
 
     measured = [
         ObservationTerm(term, (lag,), PBHC_SCALES.get(term, 1.0)) for lag in range(TRACKER_LAGS) for term in MEASURED
+    ]
+    older = [
+        ObservationTerm(term, block, PBHC_SCALES.get(term, 1.0), mean=True)
+        for block in TRACKER_BLOCKS
+        for term in MEASURED
     ]
     compared = [ahead("reference_joint_error", 1), ahead("reference_heading", 1)]
     coming = [
@@ -56,7 +62,7 @@ def tracker_actor_group(name: str = "actor_obs") -> ObservationGroup:
         *(ahead(t, *WINDOW_TICKS) for t in
           ("reference_root_height", "reference_gravity", "reference_lin_vel", "reference_ang_vel")),
     ]  # fmt: skip
-    return ObservationGroup(name, (*measured, *compared, *coming))
+    return ObservationGroup(name, (*measured, *older, *compared, *coming))
 
 
 def goals_actor_group(name: str = "actor_obs") -> ObservationGroup:

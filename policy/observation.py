@@ -1,13 +1,13 @@
 """How the samples of terms become an actor's input.
 
 The distinct terms of a group are sampled once a tick; the samples of the last ticks form a block,
-newest first; one gather of that block gives the graph's input, whatever its order.
+newest first; one gather of that block, and means of some of it, give the graph's input, whatever its order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -116,23 +116,62 @@ def sample_clip(terms: Sequence[ObservationTerm], dims: Mapping[str, int]) -> np
     return np.concatenate([np.full(entry_size(entry, dims), entry.clip) for entry in terms])
 
 
-def gather_index(group: ObservationGroup, dims: Mapping[str, int]) -> np.ndarray:
-    """Where each number of the observation (n,) lies in a flattened history block (L * W,).
+@dataclass(frozen=True)
+class ObservationLayout:
+    """How an observation (n,) lies in a flattened history block (L * W,): see :func:`observation_layout`.
 
-    The block has one row a lag, newest first (row 0 is now), and one column a sample entry, so that
-    the observation is ``history.reshape(..., L * W)[..., index]``.
+    Attributes:
+        index: (m,) where in the block the numbers lie of which it consists.
+        runs: of these numbers, in order: how many, and over how many lags each mean of them is.
     """
-    terms = term_order(group)
+
+    index: np.ndarray
+    runs: tuple[tuple[int, int], ...]
+
+    @property
+    def size(self) -> int:
+        """n."""
+        return sum(number // lags for number, lags in self.runs)
+
+    def of(self, numbers: Array) -> Array:
+        """The observation (..., n) of the ``numbers`` (..., m) at ``index``."""
+        if self.runs == ((len(self.index), 1),):
+            return numbers
+        parts, first = [], 0
+        for number, lags in self.runs:
+            part = numbers[..., first : first + number]
+            parts.append(part if lags == 1 else part.reshape(*part.shape[:-1], lags, -1).mean(-2))
+            first += number
+        return array_module(numbers).concatenate(parts, -1)
+
+
+def observation_layout(
+    group: ObservationGroup, dims: Mapping[str, int], block: Sequence[ObservationTerm] | None = None
+) -> ObservationLayout:
+    """How the observation lies in a history block of the terms ``block``, those of the group where none are given.
+
+    The block has one row a lag, newest first (row 0 is now), and one column a sample entry.
+    """
+    terms = term_order(group) if block is None else block
     width = sample_width(terms, dims)
     starts = np.cumsum([0] + [entry_size(entry, dims) for entry in terms])
     column = dict(zip(terms, starts[:-1], strict=True))
-    parts = [
-        lag * width + column[_at_now(entry)] + np.arange(entry_size(entry, dims))
-        for entry in group.terms
-        for lag in entry.lags
-    ]
-    return np.concatenate(parts).astype(np.int64)
+    parts, runs = [], [(0, 1)]
+    for entry in group.terms:
+        columns = column[_at_now(entry)] + np.arange(entry_size(entry, dims))
+        numbers = np.concatenate([lag * width + columns for lag in entry.lags])
+        parts.append(numbers)
+        if entry.mean or runs[-1][1] > 1:
+            runs.append((len(numbers), len(entry.lags) if entry.mean else 1))
+        else:
+            runs[-1] = (runs[-1][0] + len(numbers), 1)
+    return ObservationLayout(np.concatenate(parts).astype(np.int64), tuple(run for run in runs if run[0]))
+
+
+def entry_width(entry: ObservationTerm, dims: Mapping[str, int]) -> int:
+    """How many numbers of the observation ``entry`` is, all its lags together."""
+    return entry_size(entry, dims) * len(entry.moments)
 
 
 def _at_now(entry: ObservationTerm) -> ObservationTerm:
-    return replace(entry, lags=(0,))
+    return replace(entry, lags=(0,), mean=False)

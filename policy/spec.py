@@ -25,9 +25,10 @@ MAX_LAG = 1000
 class ObservationTerm:
     """One registered term at some lags; lag 0 is now, and lags stand in the order given.
 
-    The value is ``clip(scale * term, ±clip)``. ``ticks``: of a term that looks ahead on the reference, how far.
-    ``of``: of a term that reads a command, a map or a point of the body, its name. ``part``: of a goal
-    (:data:`policy.goals.PARTS`), by which the value is zero while that part is hidden.
+    The value is ``clip(scale * term, ±clip)``; with ``mean`` there is one value for all lags, their mean.
+    ``ticks``: of a term that looks ahead on the reference, how far. ``of``: of a term that reads a command, a map or a
+    point of the body, its name. ``part``: of a goal (:data:`policy.goals.PARTS`), by which the value is zero while that
+    part is hidden.
     """
 
     term: str
@@ -37,6 +38,7 @@ class ObservationTerm:
     ticks: tuple[int, ...] = ()
     of: str = ""
     part: str = ""
+    mean: bool = False
 
     def __post_init__(self) -> None:
         where = f"observation term {self.term!r}"
@@ -47,12 +49,20 @@ class ObservationTerm:
         if bad or not self.lags or len(set(self.lags)) != len(self.lags):
             expected = f"distinct whole numbers in [0, {MAX_LAG}], at least one"
             raise InputError("unusable lags", where=where, got=list(self.lags), expected=expected)
+        if not isinstance(self.mean, bool) or (self.mean and len(self.lags) < 2):
+            expected = "true or false, true with two lags or more"
+            raise InputError("unusable mean", where=where, got=self.mean, expected=expected)
         whole = all(isinstance(tick, int) and not isinstance(tick, bool) for tick in self.ticks)
         if not whole or list(self.ticks) != sorted({tick for tick in self.ticks if 0 <= tick <= MAX_LAG}):
             expected = f"whole numbers in [0, {MAX_LAG}], rising"
             raise InputError("unusable ticks", where=where, got=list(self.ticks), expected=expected)
         check_number(self.scale, f"{where}: scale", lambda v: v != 0.0, "a finite number other than 0")
         check_number(self.clip, f"{where}: clip", lambda v: v > 0.0, "a finite number above 0")
+
+    @property
+    def moments(self) -> tuple[str, ...]:
+        """The lag of each value in turn; of a mean, all of them."""
+        return (f"mean of {self.lags[0]} to {self.lags[-1]}",) if self.mean else tuple(map(str, self.lags))
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGro
 
 
 def _told(group: ObservationGroup) -> str:
-    return " ".join(f"{entry.term}{list(entry.lags)}" for entry in group.terms)
+    return " ".join(f"{entry.term}[{', '.join(entry.moments)}]" for entry in group.terms)
 
 
 def _lineage(path: Path, content: bytes, iteration: int | None) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def _labels(terms: Sequence[Any], spec: ActorSpec) -> list[str]:
     for term in terms:
         size = entry_size(term, dims)
         parts = spec.joint_names if size == spec.num_joints else [str(i) for i in range(size)]
-        labels += [f"{term.term}[{lag}] {part}" for lag in term.lags for part in parts]
+        labels += [f"{term.term}[{moment}] {part}" for moment in term.moments for part in parts]
     return labels
 
 

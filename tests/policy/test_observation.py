@@ -11,8 +11,8 @@ from policy.layouts import pbhc_actor_group
 from policy.observation import (
     check_terms,
     entry_size,
-    gather_index,
     num_lags,
+    observation_layout,
     sample_clip,
     sample_terms,
     sample_width,
@@ -277,7 +277,7 @@ def test_batched_torch_observation_equals_the_robots():
     rng = np.random.default_rng(8)
     batch, lags, width = 4, num_lags(GROUP), sample_width(terms, dims)
     block = torch.zeros(batch, lags, width, dtype=torch.float64)
-    index = torch.from_numpy(gather_index(GROUP, dims))
+    layout = observation_layout(GROUP, dims)
     bound = torch.from_numpy(sample_clip(terms, dims))
     histories = [ObservationHistory(GROUP, dims) for _ in range(batch)]
     default = rng.normal(size=3)
@@ -285,13 +285,42 @@ def test_batched_torch_observation_equals_the_robots():
         s = replace(random_input(rng, (batch,), 3), default_pos_rad=default, reference=None, given={})
         sample = sample_terms(terms, as_torch(torch, s)).clip(-bound, bound)
         block = torch.cat([sample[:, None], block[:, :-1]], 1)
-        got = block.reshape(batch, -1)[:, index]
+        got = layout.of(block.reshape(batch, -1)[:, torch.from_numpy(layout.index)])
         assert got.shape == (batch, SIZE)
         for env in range(batch):
             shared = ("default_pos_rad", "reference", "given")
             one = ObservationInput(**{k: v if k in shared else v[env] for k, v in vars(s).items()})
             expected = histories[env].push(sample_terms(terms, one))
             np.testing.assert_allclose(got[env].numpy(), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_mean_over_lags_stands_where_its_entry_does():
+    terms = (
+        ObservationTerm("base_ang_vel", scale=0.5), ObservationTerm("dof_pos", (1, 2, 3), mean=True),
+        ObservationTerm("dof_pos", (2, 0)), ObservationTerm("base_ang_vel", (1, 3), scale=0.5, mean=True),
+    )  # fmt: skip
+    group = ObservationGroup("obs", terms)
+    history = ObservationHistory(group, term_dims(2))
+    assert history.size == 3 + 2 + 4 + 3 and num_lags(group) == 4
+    samples = np.arange(25.0).reshape(5, 5)  # per tick: 3 of the gyro, 2 joints
+    for sample in samples:
+        observation = history.push(sample)
+    newest_first = samples[::-1]
+    gyro, joints = newest_first[:, :3], newest_first[:, 3:]
+    expected = [gyro[0], (joints[1] + joints[2] + joints[3]) / 3, joints[2], joints[0], (gyro[1] + gyro[3]) / 2]
+    np.testing.assert_array_equal(observation, np.concatenate(expected))
+
+
+def test_a_mean_before_the_first_ticks_counts_zeros():
+    group = ObservationGroup("obs", (ObservationTerm("projected_gravity", (0, 1, 2, 3), mean=True),))
+    observation = ObservationHistory(group, term_dims(2)).push(np.array([0.0, 0.4, -1.0]))
+    np.testing.assert_allclose(observation, [0.0, 0.1, -0.25])
+
+
+@pytest.mark.parametrize("mean", ["yes", True])
+def test_a_mean_that_is_none_is_refused(mean):
+    with pytest.raises(InputError, match="unusable mean"):
+        ObservationTerm("dof_pos", (0,), mean=mean)
 
 
 def test_action_decoding_is_the_same_in_numpy_and_torch():

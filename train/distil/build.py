@@ -56,6 +56,6 @@ def _student(config: TrainConfig, robot: Robot, teacher: ObservationGroup) -> Co
 def goal_columns(group: ObservationGroup, num_joints: int) -> Tensor:
     """Columns (G,) of the observation that look ahead on the reference."""
     slices = [*term_slices(group, num_joints).values()]
-    ahead = [bool(entry.ticks) for entry in group.terms for _ in entry.lags]
+    ahead = [bool(entry.ticks) for entry in group.terms for _ in entry.moments]
     parts = [part for part, is_ahead in zip(slices, ahead, strict=True) if is_ahead]
     return torch.cat([torch.arange(part.start, part.stop, device="cpu") for part in parts])

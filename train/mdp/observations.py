@@ -8,8 +8,8 @@ import torch
 from core.rotations import quat_rotate_inverse
 from policy.observation import (
     entry_size,
-    gather_index,
     num_lags,
+    observation_layout,
     sample_clip,
     sample_terms,
     sample_width,
@@ -22,7 +22,6 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
-from train.interface import width
 from train.mdp.draws import rand
 from train.mdp.sensing import Senses, senses_of
 from train.mdp.state import EnvState
@@ -57,9 +56,8 @@ class Observations:
         dims = term_dims(robot.num_joints)
         whole = replace(group, terms=tuple(entry for one in groups.values() for entry in one.terms))
         self._terms, self._lags = term_order(whole), num_lags(whole)
-        index = torch.as_tensor(gather_index(whole, dims), device=device)
-        sizes_of = [width(layout) for layout in self.layouts.values()]
-        self._index = dict(zip(groups, index.split(sizes_of), strict=True))
+        self._of_block = {name: observation_layout(one, dims, self._terms) for name, one in groups.items()}
+        self._index = {name: torch.as_tensor(one.index, device=device) for name, one in self._of_block.items()}
         self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
         self._width = sample_width(self._terms, dims)
         sizes = [entry_size(t, dims) for t in self._terms]
@@ -141,15 +139,15 @@ class Observations:
     def groups(self, history: torch.Tensor) -> dict[str, torch.Tensor]:
         """The observations (B, n) of actor and teacher, by name, laid out of the ``history`` (B, L, W)."""
         flat = history.flatten(1)
-        return {name: flat.gather(1, index.expand(len(flat), -1)) for name, index in self._index.items()}
+        return {name: layout.of(flat[:, self._index[name]]) for name, layout in self._of_block.items()}
 
 
 def term_slices(group: ObservationGroup, num_joints: int) -> dict[str, slice]:
     """Where each term at each lag, ``term[lag]`` or ``term.of[lag]``, lies in the group's observation."""
     dims, first, found = term_dims(num_joints), 0, {}
     for entry in group.terms:
-        for lag in entry.lags:
-            found[f"{'.'.join(filter(None, (entry.term, entry.of)))}[{lag}]"] = slice(
+        for moment in entry.moments:
+            found[f"{'.'.join(filter(None, (entry.term, entry.of)))}[{moment}]"] = slice(
                 first, first + entry_size(entry, dims)
             )
             first += entry_size(entry, dims)

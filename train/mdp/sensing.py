@@ -97,14 +97,14 @@ class Sensing(Batch):
         )
 
     def sense(self, now: Senses, before: Senses, age_s: torch.Tensor) -> Senses:
-        """What is measured of ``now``, where ``before`` was a control step ago, ``age_s`` (B,) into the episode."""
+        """What is measured of ``now``, where ``before`` was a control step ago, ``age_s`` (..., B) into the episode."""
         late = self.lateness[:, None]
 
         def old(new: torch.Tensor, older: torch.Tensor) -> torch.Tensor:
             return new + late * (older - new)
 
         quat = old(now.root_quat_wxyz, quat_align_sign(before.root_quat_wxyz, now.root_quat_wxyz))
-        drift = (self.heading_drift_rad_s * age_s)[:, None] * torch.tensor([0.0, 0.0, 1.0], device=late.device)
+        drift = (self.heading_drift_rad_s * age_s)[..., None] * torch.tensor([0.0, 0.0, 1.0], device=late.device)
         return Senses(
             quat_mul(quat_from_rotvec(drift), quat / quat.norm(dim=-1, keepdim=True)),
             old(now.root_ang_vel_b, before.root_ang_vel_b),

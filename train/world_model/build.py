@@ -65,7 +65,7 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
     if env.device.type == "cpu":
         for module in (handed_over, learning.averaged):
             module.share_memory()
-    side = PolicySide(learning, its_ring, _comparison(settings, env, robot, its_ring, _past(layout)))
+    side = PolicySide(learning, its_ring, _comparison(settings, env, robot, its_ring, layout.past))
     partner = Beside(side) if settings.processes == 2 and env.device.type == "cpu" else InTurn(side)
     actor = ActorNetwork(learning.averaged, joints, (0.1, 0.01, 1.0), CarryingTargets(layout, ACTION_SCALE))
     fitting = ModelFitting(model, settings.fitting, ring, stream("fitting"))
@@ -86,7 +86,7 @@ def _imagination(
 def _starts(
     settings: WorldModelSettings, env: TrackingEnv, ring: Ring, layout: Layout, generator: torch.Generator
 ) -> Starts:
-    return Starts(settings.starts, ring, env.command.table, _past(layout), generator, env.settings.goals)
+    return Starts(settings.starts, ring, env.command.table, layout.past, generator, env.settings.goals)
 
 
 def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ring: Ring, past: int) -> Comparison:
@@ -102,11 +102,6 @@ def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ri
         longest_episode=round(env.settings.termination.max_episode_s / CONTROL_PERIOD_S),
         generator=generator,
     )
-
-
-def _past(layout: Layout) -> int:
-    """States before the present one that an actor's history shows, and the one before them: sensors may be late."""
-    return 1 + max(lag for entry in layout.measured for lag in entry.lags)
 
 
 def _critic(

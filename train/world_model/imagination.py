@@ -1,14 +1,13 @@
 """Rollouts of the policy in the world model, through which gradients pass to the policy."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from core.rotations import projected_gravity
-from policy.observation import entry_size, sample_terms, term_dims, term_order, window_ticks
+from policy.observation import entry_size, sample_terms, term_dims, window_ticks
 from policy.reference import ReferenceWindow
 from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
@@ -19,6 +18,7 @@ from train.mdp.sensing import Senses
 from train.mdp.tick import ReferenceRows, ReferenceTable
 from train.world_model.context import Context, context_of
 from train.world_model.cost import Imagined
+from train.world_model.history import History
 from train.world_model.model import WorldModel
 from train.world_model.policy import BoundedResidual, Layout
 from train.world_model.settings import ImaginationSettings
@@ -72,10 +72,9 @@ class Imagination:
     ) -> None:
         self._robot, self._table, self._settings, self.generator = robot, table, settings, generator
         layout = Layout(group, robot.num_joints)
-        self._measured = term_order(ObservationGroup("measured", layout.measured))
-        self._compared, self._ahead = layout.compared, layout.ahead
+        self._measured, self._compared, self._ahead = layout.terms, layout.compared, layout.ahead
+        self._lags, self._blocks = layout.lags, layout.blocks
         self._base = [slice(part.start - layout.state_size, part.stop - layout.state_size) for part in layout.base]
-        self.lags = len(layout.measured) // len(self._measured)
         self._ticks = {terms: window_ticks([ObservationGroup("of", terms)]) for terms in (self._compared, self._ahead)}
         dims, joints = term_dims(robot.num_joints), robot.num_joints
         half = [np.full(entry_size(e, dims), noise.get(e.term, 0.0) * e.scale) for e in self._measured]
@@ -106,9 +105,9 @@ class Imagination:
         befores, states, wishes, targets = [], [], [], []
         for k in range(steps):
             senses = self._sense(motion, earlier, context, start.age + k)
-            history = [self._measure(senses, last_action), *history][: self.lags]
+            measured = history.push(self._measure(senses, last_action))
             compared = sample_terms(self._compared, self._seen(senses, last_action, compared_with[k]))
-            wish = policy.wish(torch.cat([*history, compared], dim=1), encoded_ahead[k])
+            wish = policy.wish(torch.cat([*measured, compared], dim=1), encoded_ahead[k])
             last_action = carrying[k] + policy.added(wish) + noise[k]
             target = self._default + self._action_scale * last_action - offset
             before = before or self._queue(start, target)
@@ -131,10 +130,10 @@ class Imagination:
         context = context_of(start.context, self._joints)
         last_action = self._actions(start, context)[0]
         senses = self._sense(start.motion, _before(start), context, start.age)
-        history = [self._measure(senses, last_action), *self._history(start, context)]
+        measured = self._history(start, context).push(self._measure(senses, last_action))
         compared = sample_terms(self._compared, self._seen(senses, last_action, window))
         reference = reference_motion(self._table.rows(start.clip, start.tick))
-        return torch.cat([*history, compared], dim=1), ahead, start.motion, reference, context
+        return torch.cat([*measured, compared], dim=1), ahead, start.motion, reference, context
 
     def _look_ahead(self, clip: Tensor, tick: Tensor, goal: Tensor) -> Tensor:
         """The terms of the reference alone (H + 1, B, A)."""
@@ -179,22 +178,23 @@ class Imagination:
         exact = sample_terms(self._measured, self._seen(senses, last_action, None))
         return exact + self._noise * uniform(exact.shape, -1.0, 1.0, self.generator, exact.device)
 
-    def _actions(self, start: Start, context: Context) -> list[Tensor]:
-        """The raw actions before the present moment and before each of the past ones; zero where there was none."""
-        offset = context.sensing.encoder_offset_rad
-        return [
-            torch.where(start.age[:, None] > lag, (target + offset - self._default) / self._action_scale, 0.0)
-            for lag, target in enumerate(start.past_targets)
-        ]
+    def _actions(self, start: Start, context: Context) -> Tensor:
+        """(L + 1, N, J) raw actions before the present moment and before each of the past ones; zero where was none."""
+        raw = (start.past_targets + context.sensing.encoder_offset_rad - self._default) / self._action_scale
+        return torch.where(self._known(start, len(raw)), raw, 0.0)
 
-    def _history(self, start: Start, context: Context) -> list[Tensor]:
-        """What was measured at past moments, newest first; zero where there was none."""
-        _, *actions = self._actions(start, context)
-        measured = []
-        for lag, (motion, before) in enumerate(pairwise(start.past)):
-            senses = self._sense(motion, before, context, start.age - 1 - lag)
-            measured.append(torch.where(start.age[:, None] > lag, self._measure(senses, actions[lag]), 0.0))
-        return measured
+    def _known(self, start: Start, number: int) -> Tensor:
+        """(number, N, 1) whether the episode had begun by each past moment, newest first."""
+        return (start.age > torch.arange(number, device=self._device)[:, None])[..., None]
+
+    def _history(self, start: Start, context: Context) -> History:
+        """What was measured at past moments; zero where there was none."""
+        motion, before = (Motion(*(part[rows] for part in start.past)) for rows in (slice(-1), slice(1, None)))
+        number = len(motion.pos_w)
+        ages = start.age - 1 - torch.arange(number, device=self._device)[:, None]
+        senses = self._sense(motion, before, context, ages)
+        measured = self._measure(senses, self._actions(start, context)[1 : number + 1])
+        return History(torch.where(self._known(start, number), measured, 0.0).unbind(0), self._lags, self._blocks)
 
     def _queue(self, start: Start, first: Tensor) -> tuple[Tensor, Tensor]:
         """The two targets before the ``first``, with which a new episode's queue is filled."""
@@ -248,4 +248,4 @@ class Imagination:
 def _before(start: Start) -> Motion:
     """The states a step before the start; what has just begun was as it is."""
     begun = start.age[:, None] == 0
-    return Motion(*(torch.where(begun, now, past) for now, past in zip(start.motion, start.past[0], strict=True)))
+    return Motion(*(torch.where(begun, now, past[0]) for now, past in zip(start.motion, start.past, strict=True)))

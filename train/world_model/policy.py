@@ -1,15 +1,17 @@
 """The policy: joint targets around those that carry the reference."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
 
 from core.errors import InputError
-from policy.observation import entry_size, term_dims
+from policy.observation import entry_size, entry_width, term_dims, term_order
 from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.world_model.network import Network
+from train.world_model.ring import MARGIN
 
 TORQUE_SHARE = 0.5  # of a joint's limit: what a target one scale away asks of a motor at rest
 SCALE_RANGE_RAD = (0.06, 0.5)
@@ -24,7 +26,7 @@ class Layout:
         num_joints: J.
 
     Raises:
-        InputError: a term that hangs on the robot's state stands behind one that does not, or there is no
+        InputError: terms stand in another order than in :func:`policy.layouts.tracker_actor_group`, or there is no
             ``reference_joint_pos`` and ``reference_feedforward`` of the present tick.
     """
 
@@ -38,9 +40,29 @@ class Layout:
                 "terms in another order", where=f"observation group {group.name!r}",
                 expected="those of the robot, those of the reference seen from the robot, those of the reference",
             )  # fmt: skip
-        self.state_size = sum(entry_size(entry, dims) * len(entry.lags) for entry in (*self.measured, *self.compared))
+        self.terms = term_order(ObservationGroup("measured", self.measured))
+        self.lags = sum(not entry.mean for entry in self.measured) // len(self.terms)
+        self.blocks = tuple(dict.fromkeys(entry.lags for entry in self.measured if entry.mean))
+        self._check_measured(group.name)
+        self.state_size = sum(entry_width(entry, dims) for entry in (*self.measured, *self.compared))
         self.ahead_size = sum(entry_size(entry, dims) for entry in self.ahead)
         self.base = [self._present(name, dims, num_joints) for name in ("reference_joint_pos", "reference_feedforward")]
+
+    def _check_measured(self, name: str) -> None:
+        """All terms of each tick in turn, then their means over each block; blocks have no gaps."""
+        ticks = [replace(entry, lags=(lag,)) for lag in range(self.lags) for entry in self.terms]
+        means = [replace(entry, lags=block, mean=True) for block in self.blocks for entry in self.terms]
+        whole = all(block == tuple(range(block[0], block[-1] + 1)) for block in self.blocks)
+        if self.measured != (*ticks, *means) or not whole or self.past >= MARGIN:
+            raise InputError(
+                "measured terms in another order", where=f"observation group {name!r}",
+                expected=f"all of tick 0, all of tick 1 and so on, then means over ticks without gaps before {MARGIN}",
+            )  # fmt: skip
+
+    @property
+    def past(self) -> int:
+        """States before the present one that the history shows, and the one before them: sensors may be late."""
+        return 1 + max(lag for entry in self.measured for lag in entry.lags)
 
     def _present(self, name: str, dims: dict[str, int], num_joints: int) -> slice:
         first = self.state_size

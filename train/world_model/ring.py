@@ -9,7 +9,7 @@ from torch import Tensor
 from train.batch import Device
 from train.mdp.draws import whole
 
-MARGIN = 6  # steps before a sampled one that its history and its queue reach back to
+MARGIN = 40  # steps before a sampled one that its history and its queue may reach back to
 
 
 @dataclass(frozen=True)

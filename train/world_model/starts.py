@@ -28,8 +28,8 @@ class Start:
 
     Attributes:
         motion: their states.
-        past: their states of the last L ticks before, newest first; what an episode lacks repeats its first.
-        past_targets: (N, J) each, the targets of those ticks and of the one before them, newest first.
+        past: (L, N, ·) their states of the last L ticks before, newest first; what an episode lacks repeats its first.
+        past_targets: (L + 1, N, J) the targets of those ticks and of the one before them, newest first.
         age: (N,) steps since their episodes began, which tells how much of the past there is.
         clip, tick: (N,) what they track, and where in it they are.
         goal: (N,) bits of what of it they are shown.
@@ -37,8 +37,8 @@ class Start:
     """
 
     motion: Motion
-    past: tuple[Motion, ...]
-    past_targets: tuple[Tensor, ...]
+    past: Motion
+    past_targets: Tensor
     age: Tensor
     clip: Tensor
     tick: Tensor
@@ -81,13 +81,12 @@ class Starts:
         """What robots (n,) were in at places in time (n,)."""
         ring = self._ring
         now = ring.at(times, robots)
-        past = [(times - torch.clamp(now.age, max=lag)) % ring.steps for lag in range(1, self._past + 1)]
-        states = [unpack(torch.nan_to_num(ring.states(at, robots))) for at in past]
-        before = [ring.targets((times - lag) % ring.steps, robots) for lag in range(1, self._past + 2)]
+        lags = torch.arange(1, self._past + 2, device=times.device)[:, None]
+        known = (times - torch.minimum(now.age, lags[:-1])) % ring.steps
         return Start(
             unpack(torch.nan_to_num(now.state)),
-            tuple(states),
-            tuple(before),
+            unpack(torch.nan_to_num(ring.states(known, robots))),
+            ring.targets((times - lags) % ring.steps, robots),
             now.age,
             now.clip,
             now.tick,

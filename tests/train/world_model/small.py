@@ -15,7 +15,7 @@ SMALL = [
     "world_model.capacity=1600", "world_model.starts.newest_steps=400", "world_model.fitting.hidden=[32,32]",
     "world_model.policy.hidden=[32,32]", "world_model.critic.hidden=[16,16]", "world_model.critic.batch=32",
     "world_model.critic.counts_from=1", "world_model.imagination.horizon=8", "world_model.imagination.batch=16",
-    "world_model.fitting.warm_up_steps=320", "world_model.fitting.warm_up_single=20",
+    "world_model.fitting.warm_up_steps=640", "world_model.fitting.warm_up_single=20",
     "world_model.fitting.warm_up_window=20", "world_model.fitting.warm_up_length=4", "world_model.fitting.window=6",
     "world_model.fitting.single_batch=64", "world_model.fitting.window_batch=16", "world_model.collect.redraw_every=14",
 ]  # fmt: skip
