@@ -108,7 +108,7 @@ def _fields_of(cls: type, document: Any, where: str) -> dict[str, Any]:
 
 
 # May be absent from a document; they have defaults.
-_SINCE_SCHEMA_2 = {"ticks", "of", "part", "follows", "commands", "maps", "held_joints"}
+_SINCE_SCHEMA_2 = {"ticks", "of", "part", "mean", "follows", "commands", "maps", "held_joints"}
 
 
 def _list(value: Any, where: str) -> list[Any]:
