@@ -109,21 +109,21 @@ def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
         ])  # fmt: skip
 
 
-def test_an_actors_companion_is_its_critic_and_model(trained, tmp_path, capsys):
+def test_an_actors_companion_is_its_world_model(trained, tmp_path, capsys):
     """To what half precision holds; it begins without warming up, and goes with no other actor."""
     newest = sorted((trained / "checkpoints").glob("*.pt"))[-1]
     learner = torch.load(newest, weights_only=True)["learner"]
     digest = json.loads((trained / "summary.json").read_text())["actor_sha256"]
     read = read_companion(trained / "learner.npz", digest)
-    for name, wanted in {"critic": learner["critic"], "model": learner["fitting"]["model"]}.items():
-        assert read[name].keys() == wanted.keys()
-        for key, value in wanted.items():
-            assert torch.allclose(read[name][key], value.float(), rtol=1e-3, atol=1e-6), (name, key)
+    wanted = learner["fitting"]["model"]
+    assert [*read] == ["model"] and read["model"].keys() == wanted.keys()
+    for key, value in wanted.items():
+        assert torch.allclose(read["model"][key], value.float(), rtol=1e-3, atol=1e-6), key
     execute([
         *SMALL, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
-    assert "weights of actor and critic and model" in capsys.readouterr().out
+    assert "weights of actor and model" in capsys.readouterr().out
     shutil.copy(trained / "learner.npz", tmp_path / "learner.npz")
     shutil.copy(tmp_path / "run" / "actor.onnx", tmp_path / "actor.onnx")
     with pytest.raises(InputError, match=r"learner\.npz: another actor's"):
