@@ -103,7 +103,7 @@ def test_no_step_no_metrics(run):
 
 def test_heading_brings_the_first_row_to_the_robot_and_keeps_height_and_shape(run):
     reference = run.reference
-    heading = align_heading(reference, np.array([3.0, -2.0, 0.5]), turned(2.0))
+    heading = align_heading(reference, np.array([3.0, -2.0, 0.5]), 2.0 - yaw_of(reference.root_quat_wxyz[0]))
     first = heading.points(reference.root_pos_w[0])
     np.testing.assert_allclose(first, [3.0, -2.0, HEIGHT_M], atol=1e-12)
     assert yaw_of(heading.rotations(reference.root_quat_wxyz[0])) == pytest.approx(2.0)
