@@ -19,6 +19,7 @@ from world.plant import TrueState
 from world.scene import Scene
 
 FALL_HEIGHT_M = 0.3
+AHEAD_S = 1.0  # so much of what is steered is drawn
 NEED_ROOT_POSITION = ("eg_mpbpe_mm", "empbve_mm", "empbae_mm")
 
 
@@ -115,13 +116,15 @@ class Recorder:
     """Watches ticks and keeps what an actor did since it took over.
 
     performances: its clips, in their order. actor: who performed. off_rad: while it was steered, how far it looked away
-    from the heading that was asked for, tick by tick.
+    from the heading that was asked for, tick by tick. laid: how the reference of its latest goal lies in the world: a
+    clip where it began, standing where the robot would be in 1 s if it did what it is told.
     """
 
     def __init__(self) -> None:
         self.performances: list[Performance] = []
         self.actor: ActorRun | None = None
         self.off_rad: list[float] = []
+        self.laid: Heading | None = None
         self._first_yaw_rad = 0.0
         self._after_tracking_tick = False
 
@@ -149,14 +152,18 @@ class Recorder:
         """A clip begins, or one more tick is steered."""
         pos_w, quat_wxyz = _root_of(state)
         yaw_rad, reference = float(yaw_of(quat_wxyz)), goal.reference
+        first_rad = float(yaw_of(reference.root_quat_wxyz[0]))
         if goal.clip is not None and goal.tick == 0:
-            own_rad = yaw_rad - float(yaw_of(reference.root_quat_wxyz[0]))
-            turn_rad = own_rad if goal.turn_rad is None else self._first_yaw_rad + goal.turn_rad
-            heading = align_heading(reference, pos_w, turn_rad)
-            self.performances.append(Performance(goal.clip, reference, heading, state.truth is not None))
+            turn_rad = yaw_rad - first_rad if goal.turn_rad is None else self._first_yaw_rad + goal.turn_rad
+            self.laid = align_heading(reference, pos_w, turn_rad)
+            self.performances.append(Performance(goal.clip, reference, self.laid, state.truth is not None))
         elif goal.clip is None and reference.steering is not None:
-            asked_rad = self._first_yaw_rad + float(reference.steering[goal.tick, 3])
+            forward, left, turn, heading_rad = reference.steering[goal.tick].tolist()
+            asked_rad = self._first_yaw_rad + heading_rad
             self.off_rad.append(abs(math.remainder(yaw_rad - asked_rad, math.tau)))
+            cosine, sine = math.cos(asked_rad), math.sin(asked_rad)
+            way_m = AHEAD_S * np.array([cosine * forward - sine * left, sine * forward + cosine * left, 0.0])
+            self.laid = align_heading(reference, pos_w + way_m, asked_rad + AHEAD_S * turn - first_rad)
 
 
 def _root_of(state: RobotState) -> tuple[np.ndarray, np.ndarray]:
