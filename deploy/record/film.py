@@ -53,7 +53,9 @@ class Film:
         check_output_kind(path, (".mp4", ".png"))
         self._strip = path.suffix.lower() == ".png"
         self._size = STRIP_SIZE if self._strip else SIZE
-        self._writer = StripWriter(path, STRIP_COLUMNS) if self._strip else VideoWriter(path, FRAMES_PER_S, SIZE)
+        self._writer: StripWriter | VideoWriter = (
+            StripWriter(path, STRIP_COLUMNS) if self._strip else VideoWriter(path, FRAMES_PER_S, SIZE)
+        )
         self._recorder = recorder
         self._height_m = default_height_m
         self._stride = max(1, round(1.0 / (FRAMES_PER_S * period_s)))
