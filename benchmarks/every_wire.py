@@ -2,6 +2,8 @@
 """One actor file on every backend, from standing up to standing again: how it ends, how far off it is, how fast it is.
 
 benchmarks/every_wire.py --policy tracker --motion taichi --motion side_kick --json F
+benchmarks/every_wire.py --policy goals --goal script:configs/goals/square_and_clips.yaml
+Errors stand beside MuJoCo's, by each clip and by the heading while steered. The mock has no physics: its are larger.
 Wires have emulators at their other end; these and the loop are slowed alike where the machine needs it.
 """
 
@@ -9,7 +11,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,10 @@ from core.files import check_output_file, write_json
 from hal.open import WIRES
 
 RUN = Path(__file__).resolve().parents[1] / "deploy" / "run"
-BACKENDS = ("mock", "mujoco", *WIRES)
+BACKENDS = ("mujoco", "mock", *WIRES)  # the first is what the others are compared with
 LIMIT_S = 900.0
+WITHIN = 0.15  # of MuJoCo's error
+UNITS = {"empjpe_mrad": (0, "mrad"), "empbpe_mm": (1, "mm"), "heading_error_rad": (4, "rad of heading")}
 
 
 def play(backend: str, policy: str, given: Sequence[str], folder: Path) -> dict[str, Any]:
@@ -40,25 +44,46 @@ def play(backend: str, policy: str, given: Sequence[str], folder: Path) -> dict[
     if not result.exists():
         return {**row, "outcome": (ran.stderr.strip().splitlines() or ["no result"])[-1]}
     told = json.loads(result.read_text())
-    errors = {name: scores["mean"] for name, scores in (told["metrics"] or {}).items() if scores is not None}
     pace = ((told["wire"] or {}).get("emulator") or {}).get("pace")
     return {
         **row,
         "outcome": told["fault"] or told["outcome"],
-        **{name: errors.get(name) for name in ("empjpe_mrad", "empbpe_mm")},
+        "errors": errors_of(told),
         "infer_p99_ms": told["timing"]["phases_ms"]["infer"]["p99"],
         "slowed": pace,
     }
 
 
-def line(row: dict[str, Any]) -> str:
+def errors_of(told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Of a run's result: an entry for each clip, and one for what was steered."""
+    errors = []
+    for clip in told["clips"]:
+        known = {name: scores["mean"] for name in UNITS if (scores := clip["metrics"].get(name)) is not None}
+        errors.append({"of": clip["motion"], **known})
+    if told["heading_error_rad"] is not None:
+        errors.append({"of": "steered", "heading_error_rad": told["heading_error_rad"]})
+    return errors
+
+
+def compare(row: dict[str, Any], first: dict[str, Any]) -> None:
+    """Put beside each error its ratio to the one of ``first``, a row of the same run on another backend."""
+    for error, other in zip(row.get("errors", []), first.get("errors", [])):
+        error["ratio"] = {name: error[name] / other[name] for name in UNITS if error.get(name) and other.get(name)}
+
+
+def lines(row: dict[str, Any]) -> list[str]:
     """A row in words."""
-    figures = (
-        f"{row[name]:.{digits}f} {unit}"
-        for name, digits, unit in (("empjpe_mrad", 0, "mrad"), ("empbpe_mm", 1, "mm"), ("infer_p99_ms", 2, "ms p99"))
-        if row.get(name) is not None
-    )
-    return f"{row['backend']:9} {row['given']:24} {row['outcome']}, {', '.join(figures)}"
+    said = [f"{row['backend']:9} {row['given']}: {row['outcome']}"]
+    if "infer_p99_ms" in row:
+        said[0] += f", {row['infer_p99_ms']:.2f} ms p99"
+    for error in row.get("errors", []):
+        figures = [f"{error[name]:.{digits}f} {unit}" for name, (digits, unit) in UNITS.items() if name in error]
+        said.append(f"{'':9} {error['of']}: {', '.join(figures)}")
+        if ratios := error.get("ratio"):
+            beyond = any(abs(ratio - 1.0) > WITHIN for ratio in ratios.values())
+            said[-1] += f"; {', '.join(f'{ratio:.2f}' for ratio in ratios.values())} of MuJoCo's"
+            said[-1] += f", beyond {WITHIN:.0%}" if beyond else ""
+    return said
 
 
 @guarded
@@ -75,12 +100,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     runs: list[tuple[str, ...]] = [
         (f"--{name}", value) for name in ("motion", "goal") for value in getattr(options, name)
     ]
-    rows = []
+    rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         for backend in options.backend or BACKENDS:
             for given in runs or [()]:
-                rows.append(play(backend, options.policy, given, Path(folder)))
-                print(line(rows[-1]), flush=True)
+                rows.append(row := play(backend, options.policy, given, Path(folder)))
+                first = next(known for known in rows if known["given"] == row["given"])
+                if first["backend"] == BACKENDS[0] != backend:
+                    compare(row, first)
+                print("\n".join(lines(row)), flush=True)
     if options.json is not None:
         write_json(options.json, {"policy": options.policy, "rows": rows})
     return 0 if all(row["exit_code"] == 0 for row in rows) else FAILED

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from core.rotations import yaw_of
-from deploy.goals.source import GoalSource
+from deploy.goals.source import Goal, GoalSource
 from deploy.safety.rules import Asked, tilt_rad
 from deploy.settings import EntrySettings
 from hal.contract.types import RobotState
@@ -18,7 +18,8 @@ from robot.robot import Robot
 class ActorRun:
     """An actor with its own history, raw last action and tick count, all forgotten when it starts.
 
-    goals: what it follows. tick: control ticks since it started. scene: what that stands in.
+    goals: what it follows. tick: control ticks since it started. goal: what it was shown in the latest of them.
+    scene: what it stands in.
     """
 
     def __init__(self, actor: Actor, robot: Robot, entry: EntrySettings, goals: GoalSource) -> None:
@@ -28,6 +29,7 @@ class ActorRun:
         self.start_pose_rad = goals.start_pose_rad
         self.period_s = actor.spec.control_period_s
         self.tick = 0
+        self.goal: Goal | None = None
         self._controller = PolicyController(actor, robot)
         self._entry = entry
         self._joint_names = robot.joint_names
@@ -64,7 +66,7 @@ class ActorRun:
 
     def act(self, state: RobotState, lap: Callable[[str], None] | None = None) -> PolicyOutput:
         """One control tick."""
-        goal = self.goals.next(float(yaw_of(state.imu_quat_wxyz)))
+        self.goal = goal = self.goals.next(float(yaw_of(state.imu_quat_wxyz)))
         self.tick += 1
         return self._controller.act(
             state.imu_quat_wxyz, state.imu_ang_vel_b, state.joint_pos_rad, state.joint_vel_rad_s, goal.phase, lap,

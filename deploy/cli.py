@@ -138,7 +138,7 @@ def _parser() -> ArgumentParser:
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
-    add("--video", type=path_argument, metavar="F", help="MP4 with the reference as a ghost")
+    add("--video", type=path_argument, metavar="F", help=".mp4 with what is asked as a ghost, or .png: a strip")
     add("--viewer", action="store_true", help="live window")
     add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")

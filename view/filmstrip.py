@@ -5,10 +5,14 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
 from core.errors import InputError
+from core.files import write_whole
 
 GAP_PX = 2
 
@@ -28,6 +32,30 @@ def filmstrip(pictures: Sequence[np.ndarray], columns: int | None = None) -> np.
         top, left = (i // per_row) * (height + GAP_PX), (i % per_row) * (width + GAP_PX)
         strip[top : top + height, left : left + width] = picture
     return strip
+
+
+class StripWriter:
+    """Pictures (H, W, 3) uint8 of one size, one after the other, as a PNG in rows of ``columns``.
+
+    A context manager like :class:`view.video.VideoWriter`: the file appears when the block ends without an error.
+    """
+
+    def __init__(self, path: Path, columns: int) -> None:
+        self._path, self._columns = path, columns
+
+    def __enter__(self) -> Self:
+        self._pictures: list[np.ndarray] = []
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            write_whole(self._path, png_bytes(filmstrip(self._pictures, self._columns)))
+
+    def add(self, picture: np.ndarray) -> None:
+        """Append a picture."""
+        self._pictures.append(picture)
 
 
 def png_bytes(picture: np.ndarray) -> bytes:

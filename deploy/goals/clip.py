@@ -59,7 +59,7 @@ class ClipGoal:
     def at(self, tick: int) -> Goal:
         """What is shown at a tick, at phase min(1, k dt / duration)."""
         phase = min(1.0, tick * self.setting.dt_s / self.setting.duration_s)
-        return Goal(self.setting, tick, phase, self._visible)
+        return Goal(self.setting, tick, phase, self._visible, clip=self.name)
 
 
 def asked_by(reference: Reference) -> tuple[Asked, ...]:

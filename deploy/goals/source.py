@@ -16,7 +16,7 @@ class Goal:
 
     phase: of the motion, in [0, 1]. visible (V,): which of :data:`policy.goals.PARTS` is shown, 1 or 0. turn_rad: by
     how much the reference is turned, so that heading 0 is the robot's when the actor took over; None: its own heading
-    at the first tick is the robot's.
+    at the first tick is the robot's. clip: the name of the clip that it is a row of; None where somebody steers.
     """
 
     reference: Reference
@@ -24,6 +24,7 @@ class Goal:
     phase: float
     visible: np.ndarray
     turn_rad: float | None = None
+    clip: str | None = None
 
 
 class GoalSource(Protocol):

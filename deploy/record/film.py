@@ -1,4 +1,4 @@
-"""Frames of a run with its reference as a ghost, remembered while it runs and drawn afterwards."""
+"""Frames of a run with what is asked as a ghost, remembered while it runs and drawn afterwards."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,16 +6,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from core.files import check_output_kind
 from deploy.control.states import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.recorder import Recorder
 from hal.contract.types import RobotState
+from view.filmstrip import StripWriter
 from view.renderer import open_renderer
 from view.video import VideoWriter
 
 FRAMES_PER_S = 25
 SIZE = (640, 480)
+STRIP_PICTURES, STRIP_COLUMNS, STRIP_SIZE = 8, 4, (220, 240)
 
 
 def state_qpos(state: RobotState, default_height_m: float) -> np.ndarray:
@@ -29,24 +32,30 @@ def state_qpos(state: RobotState, default_height_m: float) -> np.ndarray:
 
 
 def ghost_qpos(recorder: Recorder, result: TickResult) -> np.ndarray | None:
-    """(7 + J,) of the reference at this tick, laid where the robot started it; None outside TRACKING."""
-    performance = recorder.performance
-    if result.mode is not Mode.TRACKING or result.actor is None or performance is None:
+    """(7 + J,) of what is asked at this tick, as the recorder lays it; None outside TRACKING."""
+    goal = None if result.actor is None else result.actor.goal
+    if result.mode is not Mode.TRACKING or goal is None or recorder.laid is None:
         return None
-    reference, heading = performance.reference, performance.heading
-    row = min(result.actor.tick - 1, reference.num_ticks)
-    position = heading.points(reference.root_pos_w[row])
-    return np.concatenate([position, heading.rotations(reference.root_quat_wxyz[row]), reference.joint_pos_rad[row]])
+    row, reference = min(goal.tick, goal.reference.num_ticks), goal.reference
+    position, rotation = reference.root_pos_w[row], reference.root_quat_wxyz[row]
+    return np.concatenate([
+        recorder.laid.points(position), recorder.laid.rotations(rotation), reference.joint_pos_rad[row]
+    ])  # fmt: skip
 
 
 class Film:
-    """An observer that keeps what a video needs. period_s: of the control loop.
+    """An observer that keeps what a video (.mp4) or a strip of pictures (.png) needs. period_s: of the control loop.
 
-    Raises InputError at once where no video could be written there.
+    Raises InputError at once where none could be written there.
     """
 
     def __init__(self, path: Path, recorder: Recorder, default_height_m: float, period_s: float) -> None:
-        self._writer = VideoWriter(path, FRAMES_PER_S, SIZE)
+        check_output_kind(path, (".mp4", ".png"))
+        self._strip = path.suffix.lower() == ".png"
+        self._size = STRIP_SIZE if self._strip else SIZE
+        self._writer: StripWriter | VideoWriter = (
+            StripWriter(path, STRIP_COLUMNS) if self._strip else VideoWriter(path, FRAMES_PER_S, SIZE)
+        )
         self._recorder = recorder
         self._height_m = default_height_m
         self._stride = max(1, round(1.0 / (FRAMES_PER_S * period_s)))
@@ -63,15 +72,15 @@ class Film:
             self._frames.append((qpos, ghost_qpos(self._recorder, result)))
 
     def draw(self, model: mujoco.MjModel, enough: Callable[[], bool]) -> bool:
-        """Write the MP4. `enough` is asked before each frame; True leaves no file, and the answer is False,
+        """Write the file. `enough` is asked before each frame; True leaves no file, and the answer is False,
         as it is where there was nothing to see.
         """
         if not self._frames:
             return False
         data = mujoco.MjData(model)
         try:
-            with open_renderer(model, *SIZE) as renderer, self._writer as video:
-                for qpos, ghost in self._frames:
+            with open_renderer(model, *self._size) as renderer, self._writer as video:
+                for qpos, ghost in self._chosen():
                     if enough():
                         raise _Enough
                     data.qpos[:] = qpos
@@ -80,6 +89,13 @@ class Film:
         except _Enough:
             return False
         return True
+
+    def _chosen(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        """All frames, or for a strip some at equal distances, of TRACKING where there are."""
+        if not self._strip:
+            return self._frames
+        frames = [frame for frame in self._frames if frame[1] is not None] or self._frames
+        return [frames[row] for row in np.linspace(0, len(frames) - 1, STRIP_PICTURES).round().astype(int)]
 
 
 class _Enough(Exception):

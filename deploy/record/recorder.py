@@ -1,4 +1,4 @@
-"""What the robot did during TRACKING, scored against its reference."""
+"""What the robot did during TRACKING, scored against what was asked of it."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,6 +10,7 @@ from deploy.actor_run import ActorRun
 from deploy.control.states import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
+from deploy.goals.source import Goal
 from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
 from motion.reference import Reference
@@ -18,6 +19,7 @@ from world.plant import TrueState
 from world.scene import Scene
 
 FALL_HEIGHT_M = 0.3
+AHEAD_S = 1.0  # so much of what is steered is drawn
 NEED_ROOT_POSITION = ("eg_mpbpe_mm", "empbve_mm", "empbae_mm")
 
 
@@ -38,10 +40,9 @@ class Heading:
         return quat_mul(self.yaw_quat_wxyz, quat_wxyz)
 
 
-def align_heading(reference: Reference, root_pos_w: np.ndarray, root_quat_wxyz: np.ndarray) -> Heading:
-    """Bring the reference's first row to the robot's yaw, x and y."""
-    yaw = float(yaw_of(root_quat_wxyz) - yaw_of(reference.root_quat_wxyz[0]))
-    quat = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+def align_heading(reference: Reference, root_pos_w: np.ndarray, yaw_rad: float) -> Heading:
+    """Turn the reference by ``yaw_rad`` about the vertical and bring its first row to the robot's x and y."""
+    quat = np.array([math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)])
     ground = np.array([1.0, 1.0, 0.0])
     return Heading(quat, reference.root_pos_w[0] * ground, root_pos_w * ground)
 
@@ -55,10 +56,12 @@ def has_fallen(truth: TrueState, scene: Scene) -> bool:
 class Performance:
     """One clip as performed: row t is the state after control tick t. heading: how the reference was laid.
 
+    name: of the clip, and of what was shown of it where that was not all.
     known_root: whether the backend knows where the root is; otherwise orientation is the IMU's and position is 0.
     fallen_at: first row with the root less than 0.3 m above the reference's scene, or None.
     """
 
+    name: str
     reference: Reference
     heading: Heading
     known_root: bool
@@ -110,32 +113,60 @@ class Performance:
 
 
 class Recorder:
-    """Watches ticks and keeps the latest performance. actor: whose it is."""
+    """Watches ticks and keeps what an actor did since it took over.
+
+    performances: its clips, in their order. actor: who performed. off_rad: while it was steered, how far it looked away
+    from the heading that was asked for, tick by tick. laid: how the reference of its latest goal lies in the world: a
+    clip where it began, standing where the robot would be in 1 s if it did what it is told.
+    """
 
     def __init__(self) -> None:
-        self.performance: Performance | None = None
+        self.performances: list[Performance] = []
         self.actor: ActorRun | None = None
+        self.off_rad: list[float] = []
+        self.laid: Heading | None = None
+        self._first_yaw_rad = 0.0
         self._after_tracking_tick = False
+
+    @property
+    def performance(self) -> Performance | None:
+        """The latest clip."""
+        return self.performances[-1] if self.performances else None
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer: the state that a tick began with, and what came of it."""
         if state is None:
             self._after_tracking_tick = False
             return
-        entered = Mode.TRACKING in result.modes or self.performance is None
-        actor = result.actor
-        tracking = result.mode is Mode.TRACKING and actor is not None
-        if self._after_tracking_tick and self.performance:
+        actor = result.actor if result.mode is Mode.TRACKING else None
+        if self._after_tracking_tick and self.performance is not None:
             self.performance.add(state)
-        if tracking and entered and actor and actor.reference:
-            self._begin(state, actor.reference)
-            self.actor = actor
-        self._after_tracking_tick = tracking
+        if actor is not None and actor.goal is not None:
+            if actor.tick == 1:
+                self.performances, self.actor, self.off_rad = [], actor, []
+                self._first_yaw_rad = float(yaw_of(_root_of(state)[1]))
+            self._see(state, actor.goal)
+        self._after_tracking_tick = actor is not None
 
-    def _begin(self, state: RobotState, reference: Reference) -> None:
-        truth = state.truth
-        if truth is None:
-            heading = align_heading(reference, np.zeros(3), state.imu_quat_wxyz)
-        else:
-            heading = align_heading(reference, truth.root_pos_w, truth.root_quat_wxyz)
-        self.performance = Performance(reference, heading, truth is not None)
+    def _see(self, state: RobotState, goal: Goal) -> None:
+        """A clip begins, or one more tick is steered."""
+        pos_w, quat_wxyz = _root_of(state)
+        yaw_rad, reference = float(yaw_of(quat_wxyz)), goal.reference
+        first_rad = float(yaw_of(reference.root_quat_wxyz[0]))
+        if goal.clip is not None and goal.tick == 0:
+            turn_rad = yaw_rad - first_rad if goal.turn_rad is None else self._first_yaw_rad + goal.turn_rad
+            self.laid = align_heading(reference, pos_w, turn_rad)
+            self.performances.append(Performance(goal.clip, reference, self.laid, state.truth is not None))
+        elif goal.clip is None and reference.steering is not None:
+            forward, left, turn, heading_rad = reference.steering[goal.tick].tolist()
+            asked_rad = self._first_yaw_rad + heading_rad
+            self.off_rad.append(abs(math.remainder(yaw_rad - asked_rad, math.tau)))
+            cosine, sine = math.cos(asked_rad), math.sin(asked_rad)
+            way_m = AHEAD_S * np.array([cosine * forward - sine * left, sine * forward + cosine * left, 0.0])
+            self.laid = align_heading(reference, pos_w + way_m, asked_rad + AHEAD_S * turn - first_rad)
+
+
+def _root_of(state: RobotState) -> tuple[np.ndarray, np.ndarray]:
+    """Place (3,) and rotation (4,): the true ones, or the origin and the IMU's."""
+    truth = state.truth
+    return (np.zeros(3), state.imu_quat_wxyz) if truth is None else (truth.root_pos_w, truth.root_quat_wxyz)

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from deploy.cell import Cell
 from deploy.options import RunOptions
 from motion.metrics import METRIC_KEYS, over_episodes
@@ -38,10 +40,9 @@ class Ending:
 
 def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -> RunReport:
     """What the JSON result says of the run that a cell served, and of the actor that performed in it."""
-    actor, performance, fault = cell.performer, cell.recorder.performance, cell.machine.fault
-    metrics: dict[str, float | None] = dict.fromkeys(METRIC_KEYS)
-    if performance is not None:
-        metrics = performance.metrics(robot.kinematics)
+    actor, recorder, fault = cell.performer, cell.recorder, cell.machine.fault
+    clips = [(played.name, played.metrics(robot.kinematics)) for played in recorder.performances]
+    known = [played for played in recorder.performances if played.known_root]
     outcome, reason = "completed", None
     if fault is not None:
         outcome, reason = "tripped", str(fault)
@@ -56,8 +57,10 @@ def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -
         "sim": options.sim if options.backend == "mujoco" else None,
         "outcome": outcome,
         "fault": reason,
-        "fell": None if performance is None or not performance.known_root else performance.fallen_at is not None,
-        "metrics": over_episodes([metrics]),
+        "fell": any(played.fallen_at is not None for played in known) if known else None,
+        "metrics": over_episodes([metrics for _, metrics in clips] or [dict.fromkeys(METRIC_KEYS)]),
+        "clips": [{"motion": name, "metrics": over_episodes([metrics])} for name, metrics in clips],
+        "heading_error_rad": float(np.mean(recorder.off_rad)) if recorder.off_rad else None,
         "timing": cell.timer.report(),
         "limits": dict(cell.guard.counts),
         "wire": None if ending.wire is None else _finite(ending.wire),
@@ -71,6 +74,8 @@ def summary(report: RunReport) -> Sequence[str]:
     lines = [f"outcome {report.outcome}" + (f" ({report.fault})" if report.fault else "")]
     known = {name: value["mean"] for name, value in content["metrics"].items() if value is not None}
     lines += [f"  {name:22} {value:.4g}" for name, value in known.items()]
+    if content["heading_error_rad"] is not None:
+        lines.append(f"  {'heading_error_rad':22} {content['heading_error_rad']:.4g}, while steered")
     tick_ms, timing = content["timing"]["tick_ms"], content["timing"]
     if timing["ticks"]:
         text = f"p50 {tick_ms['p50']:.2f}, p99 {tick_ms['p99']:.2f}, max {tick_ms['max']:.2f}"

@@ -41,18 +41,19 @@ class Gaussian(NamedTuple):
 class PriorDecoder(nn.Module):
     """What is deployed: a :class:`train.learner.networks.Residual`.
 
+    The last layers are in fp32. Where training rounds what they multiply to bf16, half precision is finer than that.
+
     Args:
         prior: observation → mean and log standard deviation of the latent (n, 2 Z).
         decoder: the first numbers of the observation and the latent → (n, J).
     """
-
-    half_suffices = False  # the last layers are in fp32
 
     def __init__(self, prior: Mlp, decoder: Mlp) -> None:
         super().__init__()
         self.input_size, self.latent_size = prior.input_size, prior.output.out_features // 2
         self.normalizer = RunningNormalizer(self.input_size)
         self.prior, self.decoder = prior, decoder
+        self.half_suffices = decoder.low_precision  # of training: it stays true of a copy in fp32
         self._seen_by_decoder = decoder.input_size - self.latent_size
 
     @property

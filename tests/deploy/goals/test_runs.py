@@ -43,6 +43,12 @@ def test_a_script_walks_reaches_stops_and_plays_two_clips(actors, backend, capsy
     states = [line for line in said.splitlines() if line in {mode.value for mode in Mode}]
     assert states == ["damping", "STAND_UP", "READY", "TRACKING", "HOLD", "LOWERING", "damping"]
     assert [line.split()[2] for line in said.splitlines() if "clip still" in line] == ["still", "still:vr3"]
+    clips = report.content["clips"]
+    assert [clip["motion"] for clip in clips] == ["still", "still:vr3"]
+    assert all(clip["metrics"]["episode_length_ratio"] == {"mean": 1.0, "std": 0.0} for clip in clips)
+    errors = [clip["metrics"]["empjpe_mrad"]["mean"] for clip in clips]
+    assert report.content["metrics"]["empjpe_mrad"]["mean"] == pytest.approx(sum(errors) / 2)
+    assert 0.0 < report.content["heading_error_rad"] <= SETTINGS.goals.lead_rad
 
 
 def test_a_clip_by_motion_or_by_goal_is_the_same_run(actors, capsys):
@@ -52,6 +58,7 @@ def test_a_clip_by_motion_or_by_goal_is_the_same_run(actors, capsys):
     runs += [played(words(actors, f"clip:{still}{kind}", *options), capsys)[0] for kind in ("", ":full", ":root")]
     assert [run.content["motion"] for run in runs] == ["still", "still", "still", "still:root"]
     assert all(run.outcome == "completed" for run in runs)
+    assert [len(run.content["clips"]) for run in runs] == [1] * 4 and runs[0].content["heading_error_rad"] is None
     assert runs[0].content["metrics"] == runs[1].content["metrics"] == runs[2].content["metrics"]
     assert runs[0].content["metrics"]["episode_length_ratio"]["mean"] == 1.0
 

@@ -254,8 +254,10 @@ def test_a_hand_is_reached_out_for_a_time_beside_speeds(folder, stand):
     assert seen[20][hand][:3] != pytest.approx(ahead[:3], abs=0.1)  # it begins where the stand actor has it
 
 
-def test_the_example_is_a_script():
-    assert len(load_script(CONFIGS / "goals" / "square.yaml", GOALS).steps) == 5
+@pytest.mark.parametrize(("name", "steps", "clips"), [("square", 5, []), ("square_and_clips", 6, [2, 4])])
+def test_the_examples_are_scripts(name, steps, clips):
+    script = load_script(CONFIGS / "goals" / f"{name}.yaml", GOALS)
+    assert len(script.steps) == steps and [n for n, step in enumerate(script.steps) if step.clip is not None] == clips
 
 
 def test_clips_of_a_script_are_laid_along_the_heading_that_is_asked_for(folder, stand):

@@ -15,12 +15,12 @@ from world.model import compile_model
 av = pytest.importorskip("av")
 
 
-def filmed(tmp_path, ticks):
+def filmed(tmp_path, ticks, name="run.mp4"):
     run = linear_run(tmp_path, seconds=0.4)
     machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
     machine.start_tracking()
     tick, recorder = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S)), Recorder()
-    film = Film(tmp_path / "run.mp4", recorder, HEIGHT_M, PERIOD_S)
+    film = Film(tmp_path / name, recorder, HEIGHT_M, PERIOD_S)
     for _ in range(ticks):
         result = tick(state())
         recorder(state(), result, None)
@@ -34,6 +34,14 @@ def test_every_second_tick_becomes_a_frame(tmp_path):
     with av.open(str(tmp_path / "run.mp4")) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     assert len(frames) == 3 and frames[0].shape == (480, 640, 3) and frames[0].std() > 5
+
+
+def test_a_png_is_a_strip_of_eight_pictures(tmp_path):
+    film, _, _ = filmed(tmp_path, 18, "run.png")
+    assert film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: False)
+    with av.open(str(tmp_path / "run.png")) as picture:
+        strip = next(picture.decode(video=0)).to_ndarray(format="rgb24")
+    assert strip.shape == (2 * 240 + 2, 4 * 220 + 3 * 2, 3) and (strip[240:242] == 255).all()
 
 
 def test_stopped_leaves_no_file(tmp_path):
@@ -57,5 +65,5 @@ def test_the_ghost_is_the_reference_at_this_tick(tmp_path):
 
 
 def test_unusable_video_paths_are_refused_before_the_run(tmp_path):
-    with pytest.raises(InputError, match="mp4"):
+    with pytest.raises(InputError, match=r"expected \.mp4 or \.png"):
         Film(tmp_path / "run.gif", Recorder(), HEIGHT_M, PERIOD_S)

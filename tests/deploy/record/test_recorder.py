@@ -1,14 +1,19 @@
 """Which state is scored against which row, where the reference is laid, and what counts as a fall."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from core.rotations import yaw_of
 from deploy.control.states import Mode, StateMachine
 from deploy.control.tick import Tick
+from deploy.goals.source import Goal
 from deploy.record.recorder import Performance, Recorder, align_heading, has_fallen
 from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
+from policy.goals import visible_in
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, SETTINGS, linear_run, state
 from world.plant import TrueState
 from world.scene import FLAT, Box, Scene
@@ -103,7 +108,7 @@ def test_no_step_no_metrics(run):
 
 def test_heading_brings_the_first_row_to_the_robot_and_keeps_height_and_shape(run):
     reference = run.reference
-    heading = align_heading(reference, np.array([3.0, -2.0, 0.5]), turned(2.0))
+    heading = align_heading(reference, np.array([3.0, -2.0, 0.5]), 2.0 - yaw_of(reference.root_quat_wxyz[0]))
     first = heading.points(reference.root_pos_w[0])
     np.testing.assert_allclose(first, [3.0, -2.0, HEIGHT_M], atol=1e-12)
     assert yaw_of(heading.rotations(reference.root_quat_wxyz[0])) == pytest.approx(2.0)
@@ -123,6 +128,39 @@ def test_a_second_start_is_a_new_performance(run):
             reading = state(truth=truth([0, 0, HEIGHT_M]))
             recorder(reading, tick(reading), None)
     assert isinstance(recorder.performance, Performance) and recorder.performance.num_steps == 10
+
+
+class Told:
+    """A tick of TRACKING in which an actor was shown a goal; tick 1 is its first."""
+
+    mode = Mode.TRACKING
+
+    def __init__(self, tick, goal):
+        self.actor = SimpleNamespace(tick=tick, goal=goal)
+
+
+def test_of_a_script_each_clip_is_scored_where_it_was_asked_for_and_steering_by_its_heading(run):
+    """By hand: it looks 0.5 rad from north at first, and is asked to turn to 0.2 on; a clip is turned by 0.3."""
+    clip, recorder = run.reference, Recorder()
+    steered = replace(clip, steering=np.tile([0.4, 0.0, 0.1, 0.2], (len(clip.root_pos_w), 1)))
+    nothing = visible_in("none")
+    recorder(state(truth=truth([0, 0, HEIGHT_M], yaw=0.5)), Told(1, Goal(steered, 0, 0.0, nothing, 0.0)), None)
+    recorder(state(truth=truth([1, 0, HEIGHT_M], yaw=0.6)), Told(2, Goal(steered, 0, 0.0, nothing, 0.0)), None)
+    assert recorder.off_rad == pytest.approx([0.2, 0.1]) and recorder.performance is None
+    ghost = recorder.laid.points(clip.root_pos_w[0])
+    np.testing.assert_allclose(ghost, [1.0 + 0.4 * np.cos(0.7), 0.4 * np.sin(0.7), HEIGHT_M])
+    assert yaw_of(recorder.laid.rotations(clip.root_quat_wxyz[0])) == pytest.approx(0.7 + 0.1)
+    for tick in range(12):
+        shown = Goal(clip, tick % 6, 0.0, nothing, 0.3, "kick" if tick < 6 else "punch")
+        recorder(state(truth=truth([2, 1, HEIGHT_M], yaw=0.7)), Told(3 + tick, shown), None)
+    assert [played.name for played in recorder.performances] == ["kick", "punch"]
+    assert [played.num_steps for played in recorder.performances] == [6, 5] and len(recorder.off_rad) == 2
+    heading = recorder.performances[0].heading
+    np.testing.assert_allclose(heading.points(clip.root_pos_w[0])[:2], [2.0, 1.0])
+    laid = yaw_of(heading.rotations(clip.root_quat_wxyz[0])) - yaw_of(clip.root_quat_wxyz[0])
+    assert laid == pytest.approx(0.5 + 0.3)
+    recorder(state(), Told(1, Goal(clip, 0, 0.0, nothing, None, "again")), None)
+    assert [played.name for played in recorder.performances] == ["again"] and not recorder.off_rad
 
 
 def test_a_fall_is_low_above_what_lies_under_the_root():

@@ -175,12 +175,34 @@ def test_a_learner_makes_no_tensor_on_the_default_device():
             other.load_state_dict(other.state_dict())
 
 
+def full_size(preset, *overrides):
+    small_memory = ["num_envs=16", "distil.capacity=512", "distil.batch=512", "distil.steps=32"]
+    config = check(compose_document(["motion=side_kick", f"train={preset}", *small_memory, *overrides]))
+    return build_distil_learner(config, ROBOT, teacher_weights())
+
+
 @pytest.mark.parametrize("preset", ["maskedmimic", "maskedmimic_paper"])
 def test_what_is_deployed_is_small(preset):
-    small_memory = ["num_envs=16", "distil.capacity=512", "distil.batch=512"]
-    config = check(compose_document(["motion=side_kick", f"train={preset}", *small_memory, "distil.steps=32"]))
-    deployed = build_distil_learner(config, ROBOT, teacher_weights()).student.actor
+    deployed = full_size(preset).student.actor
     assert sum(parameter.numel() for parameter in deployed.parameters()) <= 2_000_000
+
+
+@pytest.mark.parametrize(("precision", "megabytes"), [("bf16", (2.9, 3.0)), ("fp32", (5.8, 6.0))])
+def test_what_bf16_trained_is_stored_in_half_the_bytes(trained, tmp_path, precision, megabytes):
+    """The stored one is off the trained weights, and by less than training's own products are."""
+    env, _, observations = trained
+    learner = full_size("maskedmimic", f"precision={precision}")
+    actor, clip, path = learner.actor_with(learner.weights), open_motion("side_kick", ROBOT), tmp_path / "actor.onnx"
+    export_actor(actor, actor_spec(ROBOT, clip, "side_kick", {}, env.actor_group, any_clip=True), clip, path)
+    assert megabytes[0] < path.stat().st_size / 1e6 < megabytes[1]
+    graph = onnxruntime.InferenceSession(path)
+    got = np.concatenate([graph.run(["action"], {"actor_obs": row[None].numpy()})[0] for row in observations["actor"]])
+    with torch.no_grad():
+        wanted, learning = (each(observations["actor"]).numpy() for each in (actor, learner.student.actor))
+    if precision == "fp32":
+        assert got == pytest.approx(wanted, abs=1e-5)
+    else:
+        assert 0.0 < np.abs(got - wanted).mean() < 0.25 * np.abs(learning - wanted).mean()
 
 
 def test_running_mean_and_spread_are_those_of_all_that_was_seen():
