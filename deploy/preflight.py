@@ -51,7 +51,7 @@ def run_preflight(
     limit_s = settings.age_periods * backend.control_period_s
     checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_battery(states, settings)]
-    checks += [_check_range(states, robot, settings)]
+    checks += [_check_range(states, robot, settings), *_boxes_line(actors)]
     if at_rest:
         checks += [_check_upright(states, settings)]
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
@@ -156,6 +156,12 @@ def _check_battery(states: Sequence[RobotState], settings: PreflightSettings) ->
     known = {"charge": last.charge, "supply": last.supply}
     found = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in known.items() if math.isfinite(share))
     return Check("battery", True, found or "not reported")
+
+
+def _boxes_line(actors: Sequence[ActorRun]) -> list[Check]:
+    """A reminder, where a motion needs more than a floor: no sensor tells where its boxes are."""
+    most = max((len(actor.scene.boxes) for actor in actors), default=0)
+    return [Check("scene", True, f"{most} boxes, put up where the motion has them?")] if most else []
 
 
 def _check_range(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:

@@ -6,16 +6,28 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.preflight import PreflightRefused, require, run_preflight, table
+from deploy.actors import load_run
+from deploy.preflight import Check, PreflightRefused, require, run_preflight, table
 from hal.contract.types import LinkLost, NoState
-from tests.deploy.toys import KNEE, ROBOT, SETTINGS, FakeBackend, linear_run, state, tilted, with_joint
+from tests.deploy.toys import (
+    KNEE,
+    ROBOT,
+    SETTINGS,
+    FakeBackend,
+    linear_run,
+    state,
+    tilted,
+    with_joint,
+    write_linear_actor,
+)
+from world.scene import Box, Scene
 
 
-def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names):
+def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names, actors=None):
     clock = SimulatedClock()
     backend = FakeBackend(script, clock)
     info = replace(backend.open(), joint_names=tuple(joint_names))
-    actors = [linear_run(tmp_path)]
+    actors = actors or [linear_run(tmp_path)]
     checks = run_preflight(backend, info, clock, ROBOT, actors, SETTINGS.preflight, at_rest=at_rest)
     assert "write" not in backend.calls
     return checks
@@ -36,6 +48,13 @@ def test_what_the_battery_reports_is_in_the_table(tmp_path):
     checks = checks_for(tmp_path, [state(charge=0.3, supply=0.95)])
     require(checks)
     assert "charge 30 %, supply 95 %" in table(checks)
+
+
+def test_the_boxes_of_a_motion_are_in_the_table(tmp_path):
+    assert "scene" not in table(checks_for(tmp_path, [state()]))
+    path = write_linear_actor(tmp_path / "up.onnx", name="up", scene=Scene(boxes=(Box((1, 0, 0), (1, 1, 0.2)),) * 2))
+    checks = checks_for(tmp_path, [state()], actors=[linear_run(tmp_path), load_run(path, None, ROBOT, SETTINGS.entry)])
+    assert Check("scene", True, "2 boxes, put up where the motion has them?") in checks
 
 
 UNFIT = [
