@@ -10,7 +10,7 @@ import numpy as np
 from core.clock import Clock
 from core.rotations import projected_gravity
 from deploy.actor_run import ActorRun
-from deploy.safety.battery import shortage
+from deploy.safety.battery import excess, shortage
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
@@ -153,7 +153,9 @@ def _check_battery(states: Sequence[RobotState], settings: PreflightSettings) ->
     last = states[-1]
     if (low := shortage(last, settings.battery)) is not None:
         return Check("battery", False, f"{low}: charge it")
-    known = {"charge": last.charge, "supply": last.supply}
+    if (high := excess(last, settings.battery)) is not None:
+        return Check("battery", False, f"{high}: check what supplies it, and `supply_v` in the robot's file")
+    known = {"charge": last.charge, "supply": last.supply, "highest": last.supply_high}
     found = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in known.items() if math.isfinite(share))
     return Check("battery", True, found or "not reported")
 
