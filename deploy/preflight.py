@@ -10,7 +10,7 @@ import numpy as np
 from core.clock import Clock
 from core.rotations import projected_gravity
 from deploy.actor_run import ActorRun
-from deploy.safety.battery import shortage
+from deploy.safety.battery import excess, shortage
 from deploy.settings import PreflightSettings
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, RobotState
@@ -51,7 +51,7 @@ def run_preflight(
     limit_s = settings.age_periods * backend.control_period_s
     checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_battery(states, settings)]
-    checks += [_check_range(states, robot, settings)]
+    checks += [_check_range(states, robot, settings), *_boxes_line(actors)]
     if at_rest:
         checks += [_check_upright(states, settings)]
         checks += [_check_gravity(states, settings), _check_acceleration(states, settings)]
@@ -153,9 +153,17 @@ def _check_battery(states: Sequence[RobotState], settings: PreflightSettings) ->
     last = states[-1]
     if (low := shortage(last, settings.battery)) is not None:
         return Check("battery", False, f"{low}: charge it")
-    known = {"charge": last.charge, "supply": last.supply}
+    if (high := excess(last, settings.battery)) is not None:
+        return Check("battery", False, f"{high}: check what supplies it, and `supply_v` in the robot's file")
+    known = {"charge": last.charge, "supply": last.supply, "highest": last.supply_high}
     found = ", ".join(f"{what} {100.0 * share:.0f} %" for what, share in known.items() if math.isfinite(share))
     return Check("battery", True, found or "not reported")
+
+
+def _boxes_line(actors: Sequence[ActorRun]) -> list[Check]:
+    """A reminder, where a motion needs more than a floor: no sensor tells where its boxes are."""
+    most = max((len(actor.scene.boxes) for actor in actors), default=0)
+    return [Check("scene", True, f"{most} boxes, put up where the motion has them?")] if most else []
 
 
 def _check_range(states: Sequence[RobotState], robot: Robot, settings: PreflightSettings) -> Check:

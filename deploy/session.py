@@ -41,6 +41,7 @@ from hal.wire.backend import WireBackend
 from robot.robot import Robot, load_robot
 from world.model import check_meshes, compile_model
 from world.options import SimOptions, load_sim_options
+from world.scene import Scene
 
 if TYPE_CHECKING:
     from deploy.record.film import Film
@@ -117,6 +118,7 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
         if stand is not None:
             check_start(run, stand, robot, settings.entry)
     period_s = check_same_period(runs)
+    scene = check_same_scene([*followed.runs])
     clock: Clock = MonotonicClock() if options.on_wall_clock else SimulatedClock()
     backend = open_backend(
         options.backend,
@@ -125,23 +127,24 @@ def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> 
         control_period_s=period_s,
         config=options.hal_config,
         sim=sim,
-        scene=check_same_scene([*followed.runs]),
+        scene=scene,
         sim_model=options.sim_model,
         gantry=options.start is Start.STAND,
         meshes=options.meshes if options.viewer else None,
         rng=np.random.default_rng(options.seed),
         endpoints=options.endpoints,
-        emulator=stack.enter_context(_emulator(options)) if options.emulate else None,
+        emulator=stack.enter_context(_emulator(options, scene)) if options.emulate else None,
     )
     return _Setup(robot, settings, sim, followed, stand, period_s, clock, backend, voice)
 
 
-def _emulator(options: RunOptions) -> Emulator:
-    """The robot at the other end of the wire."""
+def _emulator(options: RunOptions, scene: Scene) -> Emulator:
+    """The robot at the other end of the wire, in the scene of the motion."""
     return launch_emulator(
         options.backend,
         wire_config(options.backend, options.hal_config),
         robot=options.robot,
+        scene=scene,
         faults=options.faults,
         start_noise_rad=options.start_noise_rad,
         seed=options.seed,
@@ -282,6 +285,5 @@ def _new_film(path: Path, recorder: Recorder, setup: _Setup) -> "Film":
     """Drawing is an extra that a robot's computer need not have, hence the late import."""
     from deploy.record.film import Film
 
-    reference = setup.actors[0].reference
-    height_m = 0.0 if reference is None else float(reference.root_pos_w[0, 2])
+    height_m = float(setup.actors[0].goals.setting.root_pos_w[0, 2])
     return Film(path, recorder, height_m, setup.period_s)

@@ -51,6 +51,11 @@ class Reference:
         """K: the control ticks that the clip lasts."""
         return len(self.phase) - 1
 
+    @property
+    def floor_m(self) -> float:
+        """Height of the scene's floor."""
+        return self.scene.floor_m
+
 
 def build_reference(clip: Clip, robot: Robot, dt_s: float = 0.02) -> Reference:
     """Tables of `clip` for `robot` at every control tick; joints are matched by name.

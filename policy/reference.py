@@ -23,13 +23,13 @@ class ReferenceWindow:
     ticks: tuple[int, ...]
     joint_pos_rad: Array  # (..., K, J)
     joint_vel_rad_s: Array  # (..., K, J)
-    root_height_m: Array  # (..., K), above the floor
+    root_height_m: Array  # (..., K), above the scene's floor
     root_quat_wxyz: Array  # (..., K, 4)
     root_lin_vel_w: Array  # (..., K, 3)
     root_ang_vel_w: Array  # (..., K, 3)
     feedforward_rad: Array | None = None  # (..., K, J), from the joint positions to the targets that carry the motion
     # For actors that follow goals, else None. Of P points and V parts: see policy.goals.
-    points_m: Array | None = None  # (..., K, P, 3), along the ground from where the root is now, above the floor
+    points_m: Array | None = None  # (..., K, P, 3), from the scene's floor under the root now
     points_quat_wxyz: Array | None = None  # (..., K, P, 4)
     steer: Array | None = None  # (..., K, 4): speed forward and left m/s, turn rad/s, heading rad
     visible: Array | None = None  # (..., V), 1 or 0
@@ -62,6 +62,8 @@ class ReferenceMotion(Protocol):
     def body_quat_wxyz(self) -> np.ndarray: ...
     @property
     def steering(self) -> np.ndarray | None: ...
+    @property
+    def floor_m(self) -> float: ...
 
 
 def window_at(
@@ -88,7 +90,7 @@ def window_at(
         ticks=ticks,
         joint_pos_rad=rows.joint_pos_rad[index][:, joints],
         joint_vel_rad_s=rows.joint_vel_rad_s[index][:, joints] * moving,
-        root_height_m=rows.root_pos_w[index, 2],
+        root_height_m=rows.root_pos_w[index, 2] - rows.floor_m,
         root_quat_wxyz=quat_mul(np.broadcast_to(turn, (len(index), 4)), rows.root_quat_wxyz[index]),
         root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
         root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
@@ -112,8 +114,8 @@ def _goal(
     assert steering is not None, "built for an actor that follows goals"
     steer = steering[index] * np.concatenate([np.repeat(moving, 3, axis=1), np.ones_like(moving)], axis=1)
     steer[:, 3] += turn_rad
-    here = rows.root_pos_w[min(tick, len(rows.root_pos_w) - 1)] * [1.0, 1.0, 0.0]
-    away = rows.body_pos_w[index][:, points] - here
+    here = rows.root_pos_w[min(tick, len(rows.root_pos_w) - 1)]
+    away = rows.body_pos_w[index][:, points] - [here[0], here[1], rows.floor_m]
     turns = np.broadcast_to(turn, (*away.shape[:2], 4))
     return {
         "points_m": quat_rotate(turns, away),

@@ -33,6 +33,7 @@ CHANNELS: dict[str, dict[str, Any]] = {
         "temperature_c": NUMBERS,
         "charge": NUMBER,
         "supply": NUMBER,
+        "supply_high": NUMBER,
         "true_root_pos_w": NUMBERS,
         "true_root_quat_wxyz": NUMBERS,
         "true_foot_contact": NUMBERS,

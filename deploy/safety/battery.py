@@ -1,4 +1,4 @@
-"""A battery that runs empty: foreseen by what devices report of it, so that a run ends in order before it does."""
+"""A battery that runs empty, or a supply that leaves its range, by what devices report: a run ends in order before."""
 
 from deploy.safety.settings import BatteryLevel, BatterySettings
 from hal.contract.types import RobotState
@@ -8,21 +8,28 @@ def shortage(state: RobotState, level: BatteryLevel) -> str | None:
     """What is below a level, in one line; None for nothing, and where nothing is reported (nan)."""
     if state.charge < level.charge:
         return f"the battery is at {100.0 * state.charge:.0f} %, limit {100.0 * level.charge:.0f} %"
-    if state.supply < level.supply:
-        return f"the supply is at {100.0 * state.supply:.0f} % of its voltage, limit {100.0 * level.supply:.0f} %"
-    return None
+    return _off(state.supply, level.supply[0]) if state.supply < level.supply[0] else None
+
+
+def excess(state: RobotState, level: BatteryLevel) -> str | None:
+    """Likewise what is above it."""
+    return _off(state.supply_high, level.supply[1]) if state.supply_high > level.supply[1] else None
+
+
+def _off(share: float, limit: float) -> str:
+    return f"the supply is at {100.0 * share:.0f} % of its voltage, limit {100.0 * limit:.0f} %"
 
 
 class Lasting:
-    """A shortage that has lasted: a hard movement pulls the voltage down for a moment."""
+    """What has lasted: a hard movement pulls the voltage down for a moment, one that is braked pushes it up."""
 
     def __init__(self, level: BatteryLevel, lasts_s: float) -> None:
         self._level, self._lasts_s = level, lasts_s
         self._since_s: float | None = None
 
     def look(self, state: RobotState) -> str | None:
-        """The shortage of this state, where there has been one for so long."""
-        found = shortage(state, self._level)
+        """The shortage or excess of this state, where there has been one for so long."""
+        found = shortage(state, self._level) or excess(state, self._level)
         if found is None:
             self._since_s = None
             return None

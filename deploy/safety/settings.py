@@ -148,20 +148,21 @@ class WindingSettings(Checked):
 
 @dataclass(frozen=True)
 class BatteryLevel(Checked):
-    """Smallest state of charge, and smallest supply voltage as a share of the nominal one."""
+    """Smallest state of charge; smallest and largest supply voltage as shares of the nominal one."""
 
     charge: float
-    supply: float
+    supply: tuple[float, float]
 
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         within("charge", self.charge, 0.0, 1.0)
-        within("supply", self.supply, 0.0, 1.0)
+        within("supply[0]", self.supply[0], 0.0, 1.0)
+        at_least("supply[1]", self.supply[1], 1.0)
 
 
 @dataclass(frozen=True)
 class BatterySettings(Checked):
-    """Below which level, for how long, a clip ends in HOLD, and below which a robot that stands is lowered."""
+    """Beyond which level, for how long, a clip ends in HOLD, and beyond which a robot that stands is lowered."""
 
     warn: BatteryLevel
     lower: BatteryLevel
@@ -170,8 +171,10 @@ class BatterySettings(Checked):
     def __post_init__(self) -> None:
         """Check ranges. Raises InputError."""
         super().__post_init__()
-        if self.lower.charge > self.warn.charge or self.lower.supply > self.warn.supply:
-            raise InputError("above the level that warns", where="lower", got=self.lower, expected=f"below {self.warn}")
+        warn, lower = self.warn, self.lower
+        inside = lower.supply[0] > warn.supply[0] or lower.supply[1] < warn.supply[1]
+        if lower.charge > warn.charge or inside:
+            raise InputError("acts before the level that warns", where="lower", got=lower, expected=f"beyond {warn}")
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,15 @@ import numpy as np
 
 from core import robot_time as time
 from hal.can.bus_load import MAX_LOAD, bus_load
-from hal.can.codec import MotorCommand
+from hal.can.codec import SUPPLY_V, MotorCommand
 from hal.can.damper import CanDamper
 from hal.can.demux import Demultiplexer
 from hal.can.frame import Frame
 from hal.can.link import CanLink
-from hal.can.messages import Feedback
+from hal.can.messages import Feedback, Parameter
 from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
+from hal.can.supply import BusSupply
 from hal.can.targets import MotorTargets
 from hal.contract.joint_map import JointMap
 from hal.contract.types import DeviceError
@@ -42,7 +43,7 @@ class CanBus:
         members = file.motors_of(name)
         entries = [file.motors[i] for i in members]
         self.entry = next(bus for bus in file.buses if bus.name == name)
-        self.name, self.period_s, self._nominal_v = name, 1.0 / file.rate_hz, file.supply_v
+        self.name, self.period_s = name, 1.0 / file.rate_hz
         self._busy_s = bus_load(file, self.entry).round_s
         self.link = CanLink(name, self.entry.arguments)
         self.map: JointMap = file.joint_map.take(members)
@@ -58,6 +59,7 @@ class CanBus:
             Motor(entry.joint, row, file.codecs[i], kd, float(limits_nm[row]) / entry.gear)
             for row, (i, entry, kd) in enumerate(zip(members, entries, damping))
         ]
+        self._supply = BusSupply(self.motors, file.supply_v)
         self._targets = MotorTargets(self.index, np.array(limits_nm))
         self._demultiplexer = Demultiplexer(self.motors)
         self.lock = threading.Lock()
@@ -185,7 +187,7 @@ class CanBus:
             if frames and motor.codec.cyclic_period_s is None:
                 motor.unanswered.ask(now_s)
             sent += frames
-        self.link.send(sent)
+        self.link.send([*sent, *self._supply.question(now_s)])
         if wrong:
             raise DeviceError("; ".join(wrong))
 
@@ -224,6 +226,8 @@ class CanBus:
         if isinstance(message, Feedback):
             self._note_return(motor)
             motor.take(message, since_s)
+        elif isinstance(message, Parameter) and message.name == SUPPLY_V:
+            motor.supply_v = message.value
         motor.inbox.append(message)
         return motor
 
@@ -252,9 +256,7 @@ class CanBus:
         state.stats(f"{self.name} error frames", self.link.error_frames)
         state.stats(f"{self.name} frames not understood", self._demultiplexer.not_understood)
         state.stats(f"{self.name} answers missed", sum(motor.missed for motor in self.motors))
-        reported_v = [motor.supply_v for motor in self.motors if math.isfinite(motor.supply_v)]
-        if self._nominal_v is not None and reported_v:
-            state.supply(self.name, min(reported_v) / self._nominal_v)
+        self._supply.show(state, self.name)
         if not fresh:
             return
         rows = np.array([motor.row for motor in fresh])

@@ -18,6 +18,7 @@ from hal.can.messages import Feedback, Message
 WATCHDOG_S = "watchdog_s"
 CONTROL_MODE = "control_mode"
 ZERO_MARK = "zero_mark"
+SUPPLY_V = "supply_v"
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,6 +206,13 @@ class Codec(ABC):
 
     def read_watchdog(self) -> tuple[Frame, ...]:
         """Ask for it: the answer parses as Parameter(WATCHDOG_S). Empty where `has_watchdog` is False."""
+        return ()
+
+    def ask_supply(self) -> tuple[Frame, ...]:
+        """Ask for the supply voltage, also while the motor is driven: the answer parses as Parameter(SUPPLY_V).
+
+        Empty where the motor tells it by itself, or not at all.
+        """
         return ()
 
     def ask_identity(self) -> tuple[Frame, ...]:

@@ -22,7 +22,7 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """The motor's answer to a read: `WATCHDOG_S`, `CONTROL_MODE` or another name of the codec's `setup_names`."""
+    """The motor's answer to a read. name: `WATCHDOG_S`, `CONTROL_MODE`, `SUPPLY_V`, or one of `setup_names`."""
 
     motor_id: int
     name: str

@@ -40,7 +40,8 @@ class RobotState:
     temperature_c: (J,) or None where the device has no sensor. faults: the device's own, by name; empty when healthy.
     energised: whether the devices obey what is written. False before the first command, and for as long after it as
     a motion service takes to let go or servos take to be enabled.
-    charge: what is left in the battery, 0 to 1. supply: lowest supply voltage over the nominal one. nan: not reported.
+    charge: what is left in the battery, 0 to 1. supply, supply_high: lowest and highest supply voltage of all motors
+    over the nominal one. nan: not reported.
     """
 
     time_s: float
@@ -57,6 +58,7 @@ class RobotState:
     energised: bool = True
     charge: float = math.nan
     supply: float = math.nan
+    supply_high: float = math.nan
     truth: TrueState | None = None
 
     def __post_init__(self) -> None:

@@ -236,7 +236,7 @@ class ServoGroup:
         state.stats(f"{self.options.name} bad packets", self._questions.bad_packets + self.port.bad_packets)
         if not rows:
             return
-        state.supply(self.options.name, float(np.nanmin(self._supply)))
+        state.supply(self.options.name, float(np.nanmin(self._supply)), float(np.nanmax(self._supply)))
         pos_rad, vel_rad_s, torque_nm = self.translation.joints(self._counts)
         index, stamp_s = self.translation.index[rows], self._stamp_s
         state.joints(index, pos_rad[rows], vel_rad_s[rows], torque_nm[rows], self._temperature_c[rows], stamp_s[rows])

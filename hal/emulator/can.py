@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 from core import robot_time as time
 from hal.can.robot_file import IMU, load_robot_file
 from hal.emulator.can_bus import BusLine
+from hal.emulator.can_motor import SUPPLY_FAULT
 from hal.emulator.can_wire import File
 from hal.emulator.device import DeviceSide, Worker
 from hal.emulator.faults import SECOND_CONTROLLER, FaultKind, Faults
@@ -74,6 +75,7 @@ class CanDevice(DeviceSide):
         **IMU_FAULTS,
         "second_controller": SECOND_CONTROLLER,
         "other_motor": FaultKind("is another one of the same model: its serial number differs"),
+        SUPPLY_FAULT: FaultKind("reports another supply voltage; value: V", 40.0),
     }
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:

@@ -11,7 +11,7 @@ from core import robot_time as time
 from hal.can.bus_load import frame_time_s
 from hal.can.frame import EXTENDED_ID_MAX, STANDARD_ID_MAX, Frame
 from hal.can.robot_file import BusEntry, RobotFile
-from hal.emulator.can_motor import EmulatedMotor
+from hal.emulator.can_motor import NOMINAL_V, EmulatedMotor
 from hal.emulator.can_wire import File, Wire, open_wire
 from hal.emulator.faults import Faults
 from hal.emulator.robot import EmulatedRobot
@@ -30,7 +30,10 @@ class BusLine:
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, file: RobotFile, bus: BusEntry) -> None:
         self._robot, self._faults, self._bus = robot, faults, bus
-        self.motors = [EmulatedMotor(robot, faults, file.motors[i], file.codecs[i]) for i in file.motors_of(bus.name)]
+        supply_v = file.supply_v or NOMINAL_V
+        self.motors = [
+            EmulatedMotor(robot, faults, file.motors[i], file.codecs[i], supply_v) for i in file.motors_of(bus.name)
+        ]
         self.counts: Counter[str] = Counter()
         self._wire: Wire | None = None
         self._cyclic = [row for row, motor in enumerate(self.motors) if motor.codec.cyclic_period_s is not None]

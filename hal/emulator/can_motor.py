@@ -6,7 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hal.can import fault_names
-from hal.can.codec import CONTROL_MODE, WATCHDOG_S, Codec, CommandKind, DeviceCommand, MotorCommand, MotorState
+from hal.can.codec import (
+    CONTROL_MODE,
+    SUPPLY_V,
+    WATCHDOG_S,
+    Codec,
+    CommandKind,
+    DeviceCommand,
+    MotorCommand,
+    MotorState,
+)
 from hal.can.codecs import cubemars, damiao, moteus, odrive, odrive_tables, robstride, robstride_tables
 from hal.can.frame import Frame
 from hal.can.robot_file import MotorEntry
@@ -29,6 +38,7 @@ COMMONEST = {"moteus": fault_names.UNDER_VOLTAGE}
 STEPS = {"damiao": 4095, "cubemars": 4095, "robstride": 65_535}
 GAIN_SLACK = 1.0 + 1e-6
 ODRIVE_NM_A = 0.5
+NOMINAL_V, SUPPLY_FAULT = 48.0, "supply"
 NEWEST_FIRMWARE = 0x00_63_00_00
 
 
@@ -46,11 +56,13 @@ class Joint:
 class EmulatedMotor:
     """Wakes up disabled, within half a turn of its stored zero, with the watchdog that it has from the factory.
 
-    Faults go by the joint's name and the bus's.
+    Faults go by the joint's name and the bus's. supply_v: what it is supplied with.
     """
 
-    def __init__(self, robot: EmulatedRobot, faults: Faults, entry: MotorEntry, codec: Codec) -> None:
-        self.entry, self.codec = entry, codec
+    def __init__(
+        self, robot: EmulatedRobot, faults: Faults, entry: MotorEntry, codec: Codec, supply_v: float = NOMINAL_V
+    ) -> None:
+        self.entry, self.codec, self._supply_v = entry, codec, supply_v
         self.keys = (entry.joint, entry.bus)
         self._robot, self._faults = robot, faults
         index = robot.joint_names.index(entry.joint)
@@ -169,6 +181,9 @@ class EmulatedMotor:
         }
         if name == robstride.MECHANICAL_POS_RAD:
             return self._raw_rad(self._robot.joints()) + self._shift_rad + self._lost_rad()
+        if name == SUPPLY_V:
+            other_v = self._faults.value(SUPPLY_FAULT, *self.keys)
+            return self._supply_v if other_v is None else other_v
         return self.values.get(name, known.get(name, 0.0))
 
     def _drive(self) -> None:

@@ -14,6 +14,7 @@ from types import FrameType
 from core import robot_time as time
 from core.arguments import ArgumentParser, count_argument, number_argument
 from core.errors import InputError
+from core.structured import parse
 from hal import realtime
 from hal.contract.types import DeviceError
 from hal.emulator.device import DEVICES
@@ -21,6 +22,7 @@ from hal.emulator.emulation import Emulation
 from hal.emulator.faults import COMMON_KINDS, parse_fault
 from hal.emulator.keyboard import KEY_TABLE, FaultKeys
 from robot.robot import load_robot
+from world.scene import Scene
 
 DONE, FAILED, BAD_INPUT, DEVICE = 0, 1, 2, 4
 POLL_S = 0.02
@@ -46,6 +48,7 @@ def _run(given: argparse.Namespace) -> int:
         given.kind,
         given.config,
         load_robot(given.robot),
+        scene=_scene(given.scene),
         faults=[parse_fault(text) for text in given.fault],
         start_noise_rad=given.start_noise,
         seed=given.seed,
@@ -71,6 +74,15 @@ def _run(given: argparse.Namespace) -> int:
             print(f"error: the emulator broke: {emulation.failure!r}", file=sys.stderr)
             return FAILED
     return DONE
+
+
+def _scene(text: str) -> Scene:
+    """Raises InputError where it is none."""
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise InputError("not JSON", where="--scene", got=text, expected='such as {"floor_m": 0.4}') from error
+    return parse(Scene, content, "--scene")
 
 
 def _wait(emulation: Emulation, *, keys: bool) -> None:
@@ -105,6 +117,7 @@ def _parser() -> ArgumentParser:
     add("kind", choices=list(DEVICES))
     add("--config", metavar="NAME|FILE", help="the same as for the host's side, see configs/hal")
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
+    add("--scene", default="{}", metavar="JSON", help="the ground: floor_m; boxes of centre_m, half_size_m, yaw_rad")
     add("--fault", action="append", default=[], metavar="KIND[:KEY][=VALUE][@START[+DURATION]]", help="repeatable")
     add("--start-noise", type=number_argument, default=0.0, metavar="RAD", help="std added to each joint at the start")
     add("--seed", type=count_argument, default=0, metavar="S")

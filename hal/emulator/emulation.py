@@ -12,13 +12,14 @@ from hal.emulator.device import device_class, fault_kinds
 from hal.emulator.faults import EVERYTHING, EmulatedFault, Faults
 from hal.emulator.robot import EmulatedRobot
 from robot.robot import Robot
+from world.scene import FLAT, Scene
 
 
 class Emulation:
     """A running emulator of one kind. Entering starts it, leaving ends it.
 
-    config: what the device side reads, a name in configs/hal or a file; None: its default. faults: the script.
-    Raises InputError before anything is opened.
+    config: what the device side reads, a name in configs/hal or a file; None: its default. scene: what the robot
+    stands in. faults: the script. Raises InputError before anything is opened.
     """
 
     def __init__(
@@ -27,6 +28,7 @@ class Emulation:
         config: str | None,
         robot: Robot,
         *,
+        scene: Scene = FLAT,
         faults: Sequence[EmulatedFault] = (),
         start_noise_rad: float = 0.0,
         seed: int = 0,
@@ -34,7 +36,7 @@ class Emulation:
         device = device_class(kind)
         self.kind = kind
         self.faults = Faults(faults, kinds=fault_kinds(device), seed=seed)
-        self.robot = EmulatedRobot(robot, self.faults, start_noise_rad=start_noise_rad, seed=seed)
+        self.robot = EmulatedRobot(robot, self.faults, scene=scene, start_noise_rad=start_noise_rad, seed=seed)
         self.device = device(self.robot, self.faults, config or device.default_config)
         self.faults.begin(self.device.fault_keys)
         self.control = ControlServer(self.answer)

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -16,6 +17,7 @@ from core.errors import InputError
 from core.processes import without_windows
 from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
+from world.scene import FLAT, Scene
 
 BAD_INPUT = 2
 START_LIMIT_S = 30.0
@@ -69,18 +71,20 @@ def launch_emulator(
     config: str | Path | None = None,
     *,
     robot: str = "g1_23dof",
+    scene: Scene = FLAT,
     faults: Sequence[str] = (),
     start_noise_rad: float = 0.0,
     seed: int = 0,
 ) -> Emulator:
     """Start an emulator and wait until it can be connected to.
 
-    kind: dds, can, dynamixel or imu. faults: as for `hal/emulate --fault`. The process ignores the terminal's signals
-    and ends a few seconds after this one, whatever happens to it. Raises InputError where it refuses its options,
-    DeviceError where it cannot start.
+    kind: dds, can, dynamixel or imu. scene: what the robot stands in. faults: as for `hal/emulate --fault`. The
+    process ignores the terminal's signals and ends a few seconds after this one, whatever happens to it. Raises
+    InputError where it refuses its options, DeviceError where it cannot start.
     """
     command = [sys.executable, "-P", str(COMMAND), kind, "--lifeline", "--robot", robot]
     command += ["--seed", str(seed), "--start-noise", repr(start_noise_rad)]
+    command += [] if scene == FLAT else ["--scene", json.dumps(asdict(scene))]
     command += [] if config is None else ["--config", str(config)]
     return start_emulator([*command, *(f"--fault={fault}" for fault in faults)])
 

@@ -20,12 +20,12 @@ from world.options import SimOptions, load_sim_options
 from world.plant import Measurement, Plant, TrueState
 from world.plant_model import build_plant_model
 from world.randomization import draw_conditions
+from world.scene import FLAT, Scene
 
 WAKE_PERIOD_S = 0.005
 LATE_S = 0.01
 STEP_TOLERANCE = 1e-6
 SLACK, DAMPED, DRIVEN = "slack", "damped", "driven"
-
 
 Values = tuple[float, float, float, float, float, float]
 """What a motor is told, in joint coordinates: q (rad), dq (rad/s), kp, kd, tau (Nm), and its own torque limit (Nm)."""
@@ -56,9 +56,8 @@ class EmulatedRobot:
     the newest command that had arrived when the step began, in joint coordinates: the same plant and the same law as
     in the simulated backend. Nothing is skipped: whoever asks first brings the physics to now, and a thread of its own
     does so every 5 ms. Who does several things at one moment holds `lock` meanwhile. The robot begins slack, hanging
-    on its gantry, feet on the ground; motors without a command give no torque. Delays and noise of `sim` are not used
-    here (faults are). start_noise_rad: std of a normal added to each joint position at the start. now: the clock,
-    seconds.
+    on its gantry, feet on the ground of `scene`; motors without a command give no torque. Delays and noise of `sim` are
+    not used here. start_noise_rad: std of a normal added to each joint's start. now: the clock, seconds.
     """
 
     def __init__(
@@ -67,6 +66,7 @@ class EmulatedRobot:
         faults: Faults | None = None,
         sim: SimOptions | None = None,
         *,
+        scene: Scene = FLAT,
         start_noise_rad: float = 0.0,
         seed: int = 0,
         now: Callable[[], float] = time.monotonic,
@@ -76,7 +76,7 @@ class EmulatedRobot:
         self.timestep_s = options.timestep_s
         self.failure: Exception | None = None
         self._now = now
-        self._plant = Plant(robot, build_plant_model(robot, options, gantry=True))
+        self._plant = Plant(robot, build_plant_model(robot, options, scene=scene, gantry=True), scene)
         self._conditions = draw_conditions(options, robot, np.random.default_rng(seed))
         self._plant.vary(self._conditions)
         self._gantry = Gantry(self._plant.model, self._plant.data, options.gantry)

@@ -132,6 +132,7 @@ class WireBackend(ClosesByDamping):
             energised=snapshot.energised,
             charge=snapshot.charge,
             supply=snapshot.supply,
+            supply_high=snapshot.supply_high,
         )
 
     def write(self, command: JointCommand) -> None:

@@ -16,8 +16,8 @@ STATISTICS_BYTES = 16384
 ROWS = 5
 POS, VEL, TORQUE, TEMPERATURE, STAMP = range(ROWS)
 IMU_VALUES = 11
-STICKS, CHARGE, SUPPLY, REMOTE, ENERGISED = slice(-8, -4), -4, -3, -2, -1
-NUM_STICKS, EXTRA = 4, 8  # of a remote; numbers after the IMU's
+STICKS, CHARGE, SUPPLY, SUPPLY_HIGH, REMOTE, ENERGISED = slice(-9, -5), -5, -4, -3, -2, -1
+NUM_STICKS, EXTRA = 4, 9  # of a remote; numbers after the IMU's
 Index = np.ndarray | list[int] | slice | int
 Value = np.ndarray | float
 
@@ -26,8 +26,9 @@ Value = np.ndarray | float
 class Snapshot:
     """One consistent copy. Stamps are on the monotonic clock, -inf where nothing has been heard yet.
 
-    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. charge, supply, energised:
-    see RobotState. remote_sticks (4,): left x, y, right x, y, from -1 to 1, right and up positive.
+    temperature_c: (J,), NaN where unknown. remote_stamp_s: when the remote was last heard. charge, supply,
+    supply_high, energised: see RobotState. remote_sticks (4,): left x, y, right x, y, from -1 to 1, right and up
+    positive.
     """
 
     joint_pos_rad: np.ndarray
@@ -41,6 +42,7 @@ class Snapshot:
     imu_stamp_s: float
     charge: float
     supply: float
+    supply_high: float
     remote_stamp_s: float
     remote_sticks: np.ndarray
     energised: bool
@@ -66,7 +68,7 @@ class StateBoard:
         self._faults: set[str] = set()
         self._buttons: tuple[str, ...] = ()
         self._stats: dict[str, float] = {}
-        self._supplies: dict[str, float] = {}
+        self._supplies: dict[str, tuple[float, float]] = {}
 
     @staticmethod
     def size(num_joints: int) -> int:
@@ -111,12 +113,14 @@ class StateBoard:
             self._values[CHARGE] = share
             self._stats["battery charge %"] = 100.0 * share
 
-    def supply(self, source: str, share: float) -> None:
-        """The lowest supply voltage of one bus or port over the nominal one; the lowest of all is shown."""
+    def supply(self, source: str, lowest: float, highest: float) -> None:
+        """Supply voltages of one bus or port over the nominal one; the lowest and the highest of all are shown."""
         with self._lock:
-            self._supplies[source] = share
-            self._values[SUPPLY] = lowest = min(self._supplies.values())
-            self._stats["battery supply %"] = 100.0 * lowest
+            self._supplies[source] = lowest, highest
+            lows, highs = zip(*self._supplies.values())
+            self._values[SUPPLY], self._values[SUPPLY_HIGH] = min(lows), max(highs)
+            self._stats["battery supply %"] = 100.0 * min(lows)
+            self._stats["battery highest supply %"] = 100.0 * max(highs)
 
     def energised(self, obeying: bool) -> None:
         """Whether the devices obey what is sent, from now on."""
@@ -176,6 +180,7 @@ class StateBoard:
             imu_stamp_s=float(imu[10]),
             charge=float(values[CHARGE]),
             supply=float(values[SUPPLY]),
+            supply_high=float(values[SUPPLY_HIGH]),
             remote_stamp_s=float(values[REMOTE]),
             remote_sticks=values[STICKS],
             energised=bool(values[ENERGISED]),

@@ -6,16 +6,28 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.preflight import PreflightRefused, require, run_preflight, table
+from deploy.actors import load_run
+from deploy.preflight import Check, PreflightRefused, require, run_preflight, table
 from hal.contract.types import LinkLost, NoState
-from tests.deploy.toys import KNEE, ROBOT, SETTINGS, FakeBackend, linear_run, state, tilted, with_joint
+from tests.deploy.toys import (
+    KNEE,
+    ROBOT,
+    SETTINGS,
+    FakeBackend,
+    linear_run,
+    state,
+    tilted,
+    with_joint,
+    write_linear_actor,
+)
+from world.scene import Box, Scene
 
 
-def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names):
+def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names, actors=None):
     clock = SimulatedClock()
     backend = FakeBackend(script, clock)
     info = replace(backend.open(), joint_names=tuple(joint_names))
-    actors = [linear_run(tmp_path)]
+    actors = actors or [linear_run(tmp_path)]
     checks = run_preflight(backend, info, clock, ROBOT, actors, SETTINGS.preflight, at_rest=at_rest)
     assert "write" not in backend.calls
     return checks
@@ -33,9 +45,16 @@ def test_a_healthy_robot_passes_and_the_table_says_what_was_checked(tmp_path):
 def test_what_the_battery_reports_is_in_the_table(tmp_path):
     rows = [line.split() for line in table(checks_for(tmp_path, [state()])).splitlines()]
     assert ["ok", "battery", "not", "reported"] in rows
-    checks = checks_for(tmp_path, [state(charge=0.3, supply=0.95)])
+    checks = checks_for(tmp_path, [state(charge=0.3, supply=0.95, supply_high=1.05)])
     require(checks)
-    assert "charge 30 %, supply 95 %" in table(checks)
+    assert "charge 30 %, supply 95 %, highest 105 %" in table(checks)
+
+
+def test_the_boxes_of_a_motion_are_in_the_table(tmp_path):
+    assert "scene" not in table(checks_for(tmp_path, [state()]))
+    path = write_linear_actor(tmp_path / "up.onnx", name="up", scene=Scene(boxes=(Box((1, 0, 0), (1, 1, 0.2)),) * 2))
+    checks = checks_for(tmp_path, [state()], actors=[linear_run(tmp_path), load_run(path, None, ROBOT, SETTINGS.entry)])
+    assert Check("scene", True, "2 boxes, put up where the motion has them?") in checks
 
 
 UNFIT = [
@@ -43,6 +62,7 @@ UNFIT = [
     (with_joint("temperature_c", 71.0), "temperatures: hottest left_knee_joint at 71 C"),
     (state(charge=0.29), "battery: the battery is at 29 %, limit 30 %: charge it"),
     (state(charge=0.8, supply=0.89), "battery: the supply is at 89 % of its voltage, limit 90 %: charge it"),
+    (state(supply=1.0, supply_high=1.16), "battery: the supply is at 116 % of its voltage, limit 115 %: check what"),
     (state(faults=("motor 3",)), "device faults: motor 3"),
     (state(imu_quat_wxyz=tilted(0.09)), "gravity and quaternion: 5.2 degrees"),
     (state(imu_quat_wxyz=tilted(0.36)), "upright: leans by 0.36 rad, limit 0.35"),

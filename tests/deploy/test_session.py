@@ -71,6 +71,21 @@ def test_a_simulated_robot_stands_in_the_scene_of_its_actors_motion(tmp_path, st
     assert metrics[1] == pytest.approx(metrics[0], rel=0.05)
 
 
+@pytest.mark.parametrize("wire", ["can", "dds", "dynamixel"])
+def test_the_robot_of_an_emulated_wire_stands_in_the_scene_of_the_motion(tmp_path, monkeypatch, wire):
+    started = []
+
+    def start(kind, *arguments, **named):
+        started.append((kind, named["scene"]))
+        raise InputError("enough")
+
+    monkeypatch.setattr(deploy.session, "launch_emulator", start)
+    stand, policy = (str(write_standing_actor(tmp_path / f"{n}.onnx", scene=s)) for n, s in (("s", FLAT), ("p", TABLE)))
+    with pytest.raises(InputError, match="enough"):
+        run_session(RunOptions(wire, (policy,), stand=stand, emulate=True), SwitchesAtTick(-1), Voice())
+    assert started == [(wire, TABLE)]
+
+
 def test_motions_of_different_scenes_are_refused(tmp_path):
     scenes = {"high": TABLE, "low": FLAT}
     policies = [str(write_linear_actor(tmp_path / f"{n}.onnx", name=n, scene=scene)) for n, scene in scenes.items()]

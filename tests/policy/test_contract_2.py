@@ -32,6 +32,7 @@ class Rows:
     root_lin_vel_w: np.ndarray
     root_ang_vel_w: np.ndarray
     feedforward_rad: np.ndarray
+    floor_m: float = 0.0
 
 
 def rows() -> Rows:

@@ -48,6 +48,7 @@ def on_reference() -> StepOutcome:
         air_time_s=torch.zeros(1, 2),
         acceleration_error_m=three,
         error_limit_m=1.0,
+        ground_m=torch.zeros(1),
         terminated=torch.zeros(1, dtype=torch.bool),
         limits=limits,
     )

@@ -76,8 +76,8 @@ class NoisyStartEvaluator:
 
 
 def fall_height_m(*references: Reference) -> float:
-    """A root as low as this has fallen, whichever of the clips it tracks: a share of its height above the floor."""
-    return min(r.scene.floor_m + FALL_HEIGHT_SHARE * float(r.root_pos_w[0, 2] - r.scene.floor_m) for r in references)
+    """A root that is no higher above what lies under it has fallen: a share of how high the lowest clip begins."""
+    return FALL_HEIGHT_SHARE * min(float(r.scene.above(r.root_pos_w[0])) for r in references)
 
 
 def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[str, EnvironmentSettings]:

@@ -66,9 +66,11 @@ def build_environment(
 
 
 def _recovery(settings: EnvironmentSettings, robot: Robot, scene: Scene, device: Device) -> ReferenceTable:
+    """Frames of other motions, lowered to ground at height 0: see :meth:`StartSampler.state`."""
     motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
-    known = [replace(build_reference(motion, robot, CONTROL_PERIOD_S), scene=scene) for motion in motions]
-    return _table(robot, known, device)
+    known = [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions]
+    lift_m = [ground_lift_m(robot, r) - r.scene.height_at(r.root_pos_w[:, :2]) for r in known]
+    return ReferenceTable([replace(reference, scene=scene) for reference in known], lift_m, device)
 
 
 def _shared_scene(references: Mapping[str, Reference]) -> Scene:

@@ -21,7 +21,8 @@ class StartSampler:
         settings: shares and noise.
         num_ticks: (C,) ticks of each clip.
         generator: source of randomness.
-        recovery: the motions of ``settings.recovery``; None where its share is 0.
+        recovery: the motions of ``settings.recovery``, on ground at height 0; None where its share is 0. Its scene is
+            the one that robots stand in.
     """
 
     def __init__(
@@ -77,10 +78,13 @@ class StartSampler:
         return qpos, qvel + self._normal(qvel.shape, s.velocity_noise)
 
     def _elsewhere(self, motions: ReferenceTable, place_m: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """States of any frames of ``motions``, moved to ``place_m`` (n, 2)."""
+        """States of any frames of ``motions``, moved to ``place_m`` (n, 2), above all that lies under their bodies."""
         clip = (self._rand(len(place_m)) * len(motions.num_ticks)).long()
         tick = (self._rand(len(place_m)) * motions.num_ticks[clip]).long()
-        qpos, qvel = _lifted(motions.rows(clip, tick))
+        rows = motions.rows(clip, tick)
+        qpos, qvel = _lifted(rows)
+        bodies_m = rows.body_pos_w[..., :2] + (place_m - qpos[:, :2])[:, None]
+        qpos[:, 2] += motions.ground_m(bodies_m).amax(dim=1)
         qpos[:, :2] = place_m
         speed = uniform((len(place_m), 2), -1.0, 1.0, self._generator, place_m.device)
         qvel[:, :2] += speed * self._settings.recovery.velocity_m_s

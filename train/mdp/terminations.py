@@ -19,8 +19,8 @@ def tilt(t: StepOutcome, *, limit: float) -> torch.Tensor:
 
 @TERMINATIONS
 def height(t: StepOutcome, *, min_m: float) -> torch.Tensor:
-    """The pelvis is lower than ``min_m``."""
-    return t.physics.root_pos_w[:, 2] < min_m
+    """The pelvis is less than ``min_m`` above what lies under it in the scene."""
+    return t.physics.root_pos_w[:, 2] - t.ground_m < min_m
 
 
 @TERMINATIONS

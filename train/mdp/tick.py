@@ -54,6 +54,9 @@ class ReferenceTable:
         lift_m: per clip (K+1,), how far a start state is raised so that its lowest sole corner touches the ground.
         device: where the table is.
         points: of actors that follow goals, which of the tracked points; the references have their steering.
+
+    Attributes:
+        scene: what all the references stand in.
     """
 
     def __init__(
@@ -63,6 +66,7 @@ class ReferenceTable:
         device: Device,
         points: Sequence[int] | None = None,
     ) -> None:
+        self.scene = references[0].scene
         self.num_ticks = torch.tensor([reference.num_ticks for reference in references], device=device)
         lengths = self.num_ticks + 2
         self._first_row = torch.cumsum(lengths, 0) - lengths
@@ -89,18 +93,23 @@ class ReferenceTable:
         sizes = [self._shapes[name].numel() for name in _WINDOW]
         parts = self._table[:, : sum(sizes)][index].split(sizes, dim=-1)
         joint_pos, joint_vel, root_pos, root_quat, lin_vel, ang_vel, feedforward = parts
+        height = root_pos[..., 2] - self.scene.floor_m
         goal = {} if self._goal is None else self._goal_at(index, self.rows(clip, tick).root_pos_w)
-        return ReferenceWindow(
-            ticks, joint_pos, joint_vel, root_pos[..., 2], root_quat, lin_vel, ang_vel, feedforward, **goal
-        )
+        return ReferenceWindow(ticks, joint_pos, joint_vel, height, root_quat, lin_vel, ang_vel, feedforward, **goal)
+
+    def ground_m(self, places_m: torch.Tensor) -> torch.Tensor:
+        """Height (...) of the highest surface of the scene at places (..., 2), by numpy as the scene has it."""
+        height_m = self.scene.height_at(places_m.cpu().numpy())
+        return torch.as_tensor(height_m, dtype=places_m.dtype, device=places_m.device)
 
     def _goal_at(self, index: torch.Tensor, here_m: torch.Tensor) -> dict[str, torch.Tensor]:
         """Points and steering (B, K, ...) of table rows (B, K); places along the ground from ``here_m`` (B, 3)."""
         assert self._goal is not None
         points, steer = self._goal[index].split([self._goal.shape[1] - STEERING, STEERING], dim=-1)
         places, turns = points.unflatten(-1, (-1, 7)).split([3, 4], dim=-1)
-        along = here_m * torch.tensor([1.0, 1.0, 0.0], device=here_m.device)
-        return {"points_m": places - along[:, None, None], "points_quat_wxyz": turns, "steer": steer}
+        below = here_m.clone()
+        below[:, 2] = self.scene.floor_m
+        return {"points_m": places - below[:, None, None], "points_quat_wxyz": turns, "steer": steer}
 
 
 # The first columns of the table.
@@ -191,6 +200,7 @@ class StepOutcome:
         air_time_s: (B, 2) time in the air up to this step.
         acceleration_error_m: (B, 27, 3) second difference over control steps of the points' position errors.
         error_limit_m: how far a point may be from its reference now.
+        ground_m: (B,) height of what lies under the pelvis.
         terminated: (B,) whether the episode has failed in this step.
         limits: the robot's soft limits.
     """
@@ -206,5 +216,6 @@ class StepOutcome:
     air_time_s: torch.Tensor
     acceleration_error_m: torch.Tensor
     error_limit_m: float
+    ground_m: torch.Tensor
     terminated: torch.Tensor
     limits: RobotLimits

@@ -166,6 +166,7 @@ class TrackingEnv:
                 bodies.pos_w - state.target.body_pos_w - state.position_error_m - state.error_change_m
             ),
             error_limit_m=self.curricula["error_limit_m"].value,
+            ground_m=self.command.table.ground_m(physics.root_pos_w[:, :2]),
             terminated=self.diverged,
             limits=self.limits,
         )

@@ -23,7 +23,17 @@ from typing import Any, Self
 
 from core.errors import InputError
 from hal.can import fault_names
-from hal.can.codec import WATCHDOG_S, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
+from hal.can.codec import (
+    SUPPLY_V,
+    WATCHDOG_S,
+    Codec,
+    CommandKind,
+    DeviceCommand,
+    Found,
+    MotorCommand,
+    MotorModel,
+    MotorState,
+)
 from hal.can.codecs.moteus_registers import (
     ANSWER,
     FAULT,
@@ -45,6 +55,7 @@ from hal.can.codecs.moteus_registers import (
     TORQUE,
     UUID,
     VELOCITY,
+    VOLTAGE,
     WRITE,
     library,
     padded_frame,
@@ -76,6 +87,8 @@ FAULTS = {
     40: fault_names.UNDER_VOLTAGE,
 }
 FAULT_CODES = {name: code for code, name in FAULTS.items()}
+PARAMETERS = {TIMEOUT: WATCHDOG_S, VOLTAGE: SUPPLY_V}
+NUMBERS = {name: register for register, name in PARAMETERS.items()}
 
 MODELS = ("r4", "c1", "n1", "x1")
 OPTIONS = ("kp_nm_per_turn", "kd_nm_s_per_turn", "torque_nm")
@@ -170,6 +183,10 @@ class MoteusCodec(Codec):
         """See Codec."""
         return (self._frame(question((TIMEOUT,), FLOAT)),)
 
+    def ask_supply(self) -> tuple[Frame, ...]:
+        """See Codec. In every state it would make the answer longer than the 24 bytes that it has."""
+        return (self._frame(question((VOLTAGE,), FLOAT)),)
+
     def ask_identity(self) -> tuple[Frame, ...]:
         """See Codec."""
         return (self._frame(question(UUID, INT32)),)
@@ -191,8 +208,9 @@ class MoteusCodec(Codec):
         if registers is None or registers.written or registers.asked or not registers.answered:
             return None
         answered = registers.answered
-        if TIMEOUT in answered:
-            return Parameter(self.motor_id, WATCHDOG_S, answered[TIMEOUT])
+        for register, name in PARAMETERS.items():
+            if register in answered:
+                return Parameter(self.motor_id, name, answered[register])
         if all(register in answered for register in UUID):
             return Identity(self.motor_id, "".join(f"{int(answered[register]) & 0xFFFF_FFFF:08x}" for register in UUID))
         return self._state(answered)
@@ -248,8 +266,8 @@ class MoteusCodec(Codec):
             return DeviceCommand(CommandKind.SET_ZERO)
         if written or not registers.asked:
             return None
-        if registers.asked == (TIMEOUT,):
-            return DeviceCommand(CommandKind.READ, name=WATCHDOG_S)
+        if len(registers.asked) == 1 and registers.asked[0] in PARAMETERS:
+            return DeviceCommand(CommandKind.READ, name=PARAMETERS[registers.asked[0]])
         if registers.asked == UUID:
             return DeviceCommand(CommandKind.IDENTIFY)
         return DeviceCommand(CommandKind.REQUEST_STATE)
@@ -296,8 +314,8 @@ class MoteusCodec(Codec):
 
     def reply_frames(self, asked: DeviceCommand, value: float = 0.0) -> tuple[Frame, ...]:
         """See Codec."""
-        if asked.kind is CommandKind.READ and asked.name == WATCHDOG_S:
-            return (self._answer(subframes(ANSWER, {TIMEOUT: value})),)
+        if asked.kind is CommandKind.READ and asked.name in NUMBERS:
+            return (self._answer(subframes(ANSWER, {NUMBERS[asked.name]: value})),)
         if asked.kind is CommandKind.IDENTIFY:
             words = [int(value) >> shift & 0x7FFF_FFFF for shift in (96, 64, 32, 0)]
             return (self._answer(subframes(ANSWER, dict(zip(UUID, words)), INT32)),)

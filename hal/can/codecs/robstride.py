@@ -17,6 +17,8 @@ compared with parameter 0x7019, a float. RS01 before 0.1.3.4 and RS02 before 0.2
 models are asked for their firmware (type 4 with 00 C4; the answer is a type 2 frame that begins with 00 C4 56), and
 refused where it is older.
 
+States do not tell the supply voltage; parameter 0x701C, a float in V, does, in an answer of its own.
+
 The processor's serial number answers type 0. A CyberGear forgets its zero without power. The speed reference (0x700A),
 which no mode in use obeys, is forgotten with it: there a zeroing leaves its mark.
 """
@@ -27,7 +29,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from hal.can.codec import WATCHDOG_S, ZERO_MARK, Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorState
+from hal.can.codec import (
+    SUPPLY_V,
+    WATCHDOG_S,
+    ZERO_MARK,
+    Codec,
+    CommandKind,
+    DeviceCommand,
+    Found,
+    MotorCommand,
+    MotorState,
+)
 from hal.can.codecs.options import checked_id, checked_model, no_more
 from hal.can.codecs.robstride_tables import FIRST_TRUE_GAINS, MODELS, REPORTED_FAULTS, STATE_FAULTS
 from hal.can.codecs.scaling import from_code, to_code
@@ -56,6 +68,7 @@ INDICES = {
     0x700A: ZERO_MARK,
     0x700B: TORQUE_LIMIT_NM,
     0x7019: MECHANICAL_POS_RAD,
+    0x701C: SUPPLY_V,
     0x7028: WATCHDOG_S,
 }
 NUMBERS = {name: index for index, name in INDICES.items()}
@@ -148,6 +161,10 @@ class RobstrideCodec(Codec):
         """See Codec."""
         version = self._frame(STOP, VERSION_QUESTION)
         return tuple(version if name == FIRMWARE else self._read(name) for name in self.setup_names)
+
+    def ask_supply(self) -> tuple[Frame, ...]:
+        """See Codec."""
+        return (self._read(SUPPLY_V),)
 
     def ask_identity(self) -> tuple[Frame, ...]:
         """See Codec."""

@@ -1,4 +1,4 @@
-"""A battery that runs empty ends a clip in HOLD, then lowers the robot; it never trips."""
+"""A battery that runs empty, or a supply out of its range, ends a clip in HOLD, then lowers the robot; no trip."""
 
 from dataclasses import replace
 
@@ -37,29 +37,30 @@ def trial(tmp_path):
     ("battery", "says"),
     [
         ({"charge": 0.19}, "the battery is at 19 %, limit 20 %"),
-        ({"charge": 0.9, "supply": 0.84}, "the supply is at 84 % of its voltage, limit 85 %"),
+        ({"charge": 0.9, "supply": 0.84, "supply_high": 1.0}, "the supply is at 84 % of its voltage, limit 85 %"),
+        ({"supply": 1.0, "supply_high": 1.16}, "the supply is at 116 % of its voltage, limit 115 %"),
     ],
 )
-def test_a_low_battery_ends_the_clip_in_hold_after_three_seconds(trial, battery, says):
+def test_a_battery_beyond_its_levels_ends_the_clip_in_hold_after_three_seconds(trial, battery, says):
     trial.seconds(1, Request.START)
     assert trial.seconds(2.9, **battery).mode is Mode.TRACKING and trial.result.warning is None
     assert trial.seconds(0.2, **battery).mode is Mode.HOLD and trial.result.warning == says
     assert trial.seconds(60, **battery).mode is Mode.HOLD and trial.result.fault is None
 
 
-@pytest.mark.parametrize("battery", [{"charge": 0.09}, {"supply": 0.79}])
-def test_one_that_is_nearly_empty_has_the_robot_lowered(trial, battery):
+@pytest.mark.parametrize("battery", [{"charge": 0.09}, {"supply": 0.79}, {"supply_high": 1.21}])
+def test_one_that_is_far_beyond_them_has_the_robot_lowered(trial, battery):
     assert trial.seconds(2.9, **battery).mode is Mode.READY
     trial.seconds(0.16, **battery)
     assert trial.result.mode is Mode.LOWERING
     assert trial.seconds(5, **battery).mode is Mode.DAMPING and trial.result.fault is None
 
 
-def test_a_hard_movement_may_pull_the_voltage_down(trial):
+def test_a_hard_movement_may_pull_the_voltage_down_and_push_it_up(trial):
     trial.seconds(1, Request.START, supply=1.0)
-    for _ in range(10):
-        trial.seconds(2.5, supply=0.7)
-        assert trial.seconds(0.1, supply=0.86).mode is Mode.TRACKING and trial.result.warning is None
+    for moment in ({"supply": 0.7}, {"supply_high": 1.3}) * 5:
+        trial.seconds(2.5, **moment)
+        assert trial.seconds(0.1, supply=0.86, supply_high=1.14).mode is Mode.TRACKING and trial.result.warning is None
 
 
 def test_where_nothing_is_reported_there_is_no_rule(trial):

@@ -14,9 +14,10 @@ from hal.can.bus import CanBus
 from hal.can.frame import Frame
 from hal.can.robot_file import BusEntry, MotorEntry, RobotFile
 from hal.contract.types import DeviceError
-from hal.emulator.can import BusLoop
+from hal.emulator.can import BusLoop, CanDevice
 from hal.emulator.can_bus import BusLine
 from hal.emulator.can_motor import EmulatedMotor
+from hal.emulator.device import fault_kinds
 from hal.emulator.faults import Faults
 from hal.emulator.robot import Joints
 from hal.wire.boards import StateBoard
@@ -147,7 +148,7 @@ class Rig:
     ) -> None:
         """built: how the motors really are, where the file is wrong."""
         self.file = file or robot_file()
-        self.robot, self.faults = StillRobot(pos_rad), Faults()
+        self.robot, self.faults = StillRobot(pos_rad), Faults(kinds=fault_kinds(CanDevice))
         self.motors = [
             EmulatedMotor(self.robot, self.faults, entry, codec)
             for entry, codec in zip((built or self.file).motors, (built or self.file).codecs)

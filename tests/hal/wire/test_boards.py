@@ -39,21 +39,22 @@ def test_joints_arrive_with_their_own_stamps(boards):
     assert seen.remote_stamp_s == -math.inf
 
 
-def test_the_battery_is_unknown_until_it_is_reported_and_the_lowest_supply_counts(boards):
+def test_the_battery_is_unknown_until_it_is_reported_and_the_outermost_supplies_count(boards):
     writer, reader = boards
     writer.joints(slice(None), 1.0, 1.0, 1.0, 1.0, 1.0)
-    assert math.isnan(reader.snapshot().charge) and math.isnan(reader.snapshot().supply)
+    assert all(math.isnan(getattr(reader.snapshot(), name)) for name in ("charge", "supply", "supply_high"))
     writer.charge(0.8)
-    writer.supply("left", 0.9)
-    writer.supply("right", 1.0)
+    writer.supply("left", 0.9, 1.1)
+    writer.supply("right", 1.0, 1.05)
     writer.joints(slice(None), 2.0, 1.0, 1.0, 1.0, 1.0)
     seen = reader.snapshot()
-    assert (seen.charge, seen.supply) == (0.8, 0.9)
+    assert (seen.charge, seen.supply, seen.supply_high) == (0.8, 0.9, 1.1)
     assert (seen.joint_pos_rad == 2.0).all() and math.isinf(seen.remote_stamp_s)
-    writer.supply("left", 1.1)
+    writer.supply("left", 1.1, 1.3)
     writer.imu(np.ones(4), np.ones(3), np.ones(3), 1.0)
-    assert reader.snapshot().supply == 1.0
-    assert writer.all_stats() == {"battery charge %": 80.0, "battery supply %": 100.0}
+    assert (reader.snapshot().supply, reader.snapshot().supply_high) == (1.0, 1.3)
+    stats = {"battery charge %": 80.0, "battery supply %": 100.0, "battery highest supply %": 130.0}
+    assert writer.all_stats() == stats
 
 
 def test_a_snapshot_does_not_change(boards):

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("moteus", reason="the extra kata[moteus] is not installed")
 
 from core.errors import InputError
-from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
+from hal.can.codec import SUPPLY_V, WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec, moteus_registers
 from hal.can.frame import Frame
 from hal.can.messages import Feedback, Parameter
@@ -85,6 +85,26 @@ def test_a_state_by_hand():
     # mode 10; 0.5 turns, -2 turns/s, 3 Nm; motor 0 degC (no sensor), board 40 degC, fault 0
     got = answer("21 00 0A 2F 01 00 00 00 3F 00 00 00 C0 00 00 40 40 21 0A 00 22 0E 28 00")
     assert got == Feedback(1, math.pi, -4 * math.pi, 3.0, 40.0, (), True)
+
+
+def test_the_supply_voltage_by_hand():
+    # one float from 0Dh: 24 V is 41C00000h, little-endian; 240 as sixteen bits of 0.1 V
+    (asked,) = CODEC.ask_supply()
+    assert asked == Frame(0x8001, data("1D 0D"), extended=True, fd=True)
+    assert answer("2D 0D 00 00 C0 41") == Parameter(1, SUPPLY_V, 24.0)
+    assert answer("25 0D F0 00") == Parameter(1, SUPPLY_V, pytest.approx(24.0))
+    heard = CODEC.parse_command(asked, MotorCommand())
+    assert (heard.kind, heard.name) == (CommandKind.READ, SUPPLY_V)
+    assert CODEC.reply_frames(heard, 24.0) == (Frame(0x100, data("2D 0D 00 00 C0 41"), fd=True),)
+    assert not CODEC.is_commanded_by(asked)
+
+
+def test_the_library_asks_the_same():
+    import moteus
+
+    controller = moteus.Controller(id=1, transport=object())
+    made = controller.make_custom_query({moteus.Register.VOLTAGE: moteus.F32})
+    assert CODEC.ask_supply()[0].data == made.data
 
 
 def test_sixteen_bit_answers_by_hand():

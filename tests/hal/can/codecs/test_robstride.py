@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from hal.can.codec import WATCHDOG_S, CommandKind, MotorCommand, MotorState
+from hal.can.codec import SUPPLY_V, WATCHDOG_S, CommandKind, MotorCommand, MotorState
 from hal.can.codecs import make_codec
 from hal.can.frame import Frame
 from hal.can.messages import Ack, Feedback, Identity, Parameter
@@ -98,6 +98,18 @@ def test_watchdog_by_hand():
     assert CODEC.parse(frame(0x110105FD, "28 70 00 00 00 00 00 00")) == Ack(5, f"read {WATCHDOG_S}", ok=False)
 
 
+def test_the_supply_voltage_by_hand():
+    # 48 V is the float 42400000h, little-endian
+    assert CODEC.ask_supply() == (frame(0x1100FD05, "1C 70 00 00 00 00 00 00"),)
+    said = frame(0x110005FD, "1C 70 00 00 00 00 40 42")
+    assert CODEC.parse(said) == Parameter(5, SUPPLY_V, 48.0)
+    assert CODEC.parse(frame(0x110105FD, "1C 70 00 00 00 00 00 00")) == Ack(5, f"read {SUPPLY_V}", ok=False)
+    asked = CODEC.parse_command(frame(0x1100FD05, "1C 70 00 00 00 00 00 00"), MotorCommand())
+    assert (asked.kind, asked.name) == (CommandKind.READ, SUPPLY_V)
+    assert CODEC.reply_frames(asked, 48.0) == (said,)
+    assert not CODEC.is_commanded_by(CODEC.ask_supply()[0])
+
+
 def test_the_scaling_is_checked_against_the_float():
     assert CODEC.setup_names[0] == "mechanical_pos_rad"
     assert CODEC.read_setup()[0] == frame(0x1100FD05, "19 70 00 00 00 00 00 00")
@@ -173,4 +185,4 @@ def test_cybergear_ranges():
 
 
 def test_an_unknown_parameter_is_dropped():
-    assert CODEC.parse(frame(0x110005FD, "1C 70 00 00" + struct.pack("<f", 48.0).hex())) is None
+    assert CODEC.parse(frame(0x110005FD, "1B 70 00 00" + struct.pack("<f", 48.0).hex())) is None
