@@ -9,8 +9,6 @@ from hal.emulator.launch import launch_emulator
 from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader
 
-pytestmark = pytest.mark.real_time
-
 
 def test_the_imu_alone_can_be_started_reset_and_read() -> None:
     with launch_emulator("imu", "imu_hipnuc") as emulator:

@@ -8,8 +8,6 @@ import pytest
 
 from hal.wire.ring import HEADER_BYTES, SLOTS, Ring, SharedMemory
 
-pytestmark = pytest.mark.real_time
-
 
 def make(capacity=64):
     buffer = memoryview(bytearray(Ring.size(capacity)))
