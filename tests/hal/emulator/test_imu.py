@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from core.config import config_file, load_options
 from hal.emulator.launch import launch_emulator
 from hal.imu.options import ImuOptions
