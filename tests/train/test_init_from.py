@@ -21,7 +21,7 @@ from train.run import main
 OLDER = tuple(lag for block in ((6, 9, 12), range(15, 49, 3)) for lag in block)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def robot():
     return load_robot()
 
