@@ -21,7 +21,12 @@ OVERRIDES = [
     "iterations=5",
     "num_envs=8",
     "checkpoint_every=2",
+    "learner.horizon=8",
+    "learner.exploration.steps=4",
     "learner.minibatches=2",
+    "learner.actor_hidden=[32,32]",
+    "learner.critic_hidden=[32,32]",
+    "threads=1",
     "prior.aim=reference",
 ]
 
