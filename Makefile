@@ -19,9 +19,10 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 	@$(BIN)/python -P -m sim2sim.table demo/taichi.json
 	@echo "video: demo/taichi.mp4"
 
+# The tests that go side by side fill the cores: further threads of torch would only wait for one.
 # What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 test: install lint  ## linters, types, import rules, tests
-	$(RUN) pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
+	$(RUN) OMP_NUM_THREADS=1 pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
 	$(RUN) pytest -rRs -m real_time tests/hal tests/deploy
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine

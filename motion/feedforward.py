@@ -3,8 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import nnls
 
 from motion.inverse_dynamics import FRICTION, SMOOTHING_TICKS, ground_force_map
 from motion.reference import Reference
@@ -32,6 +30,8 @@ def feedforward_torques(robot: Robot, reference: Reference) -> np.ndarray:
     The ground may only push, inside a friction pyramid, at the sole points of the feet that bear; where no such forces
     give the root's acceleration, the least-squares forces are taken.
     """
+    from scipy.ndimage import gaussian_filter1d  # see motion.inverse_dynamics
+
     demand = demand_of(robot, reference)
     torques = np.stack([_joint_torques(*tick) for tick in zip(demand.wanted, demand.jacobians, strict=True)])
     smooth = gaussian_filter1d(torques, SMOOTHING_TICKS, axis=0, mode="nearest")
@@ -40,6 +40,8 @@ def feedforward_torques(robot: Robot, reference: Reference) -> np.ndarray:
 
 def _joint_torques(wanted: np.ndarray, jacobians: np.ndarray) -> np.ndarray:
     """(J,) of generalised forces (6+J,) less what the ground gives at S sole points, (S, 3, 6+J)."""
+    from scipy.optimize import nnls  # see motion.inverse_dynamics
+
     push = ground_force_map(jacobians, FRICTION)
     if push.shape[1]:
         ridge = FORCE_REGULARIZATION * np.eye(push.shape[1])

@@ -1,8 +1,10 @@
-"""What a motion asks of its robot: accelerations, generalised forces, and where the ground can push."""
+"""What a motion asks of its robot: accelerations, generalised forces, and where the ground can push.
+
+SciPy is loaded where it is called, here and beside: it is half of what a program loads that only plays a clip.
+"""
 
 import mujoco
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from core.rotations import quat_rotate_inverse
 from motion.reference import Reference
@@ -14,6 +16,8 @@ SMOOTHING_TICKS = 2.0
 
 def generalized_motion(reference: Reference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """MuJoCo coordinates of the reference: qpos (T, 7+J), qvel (T, 6+J), smoothed qacc (T, 6+J)."""
+    from scipy.ndimage import gaussian_filter1d
+
     qpos = np.concatenate([reference.root_pos_w, reference.root_quat_wxyz, reference.joint_pos_rad], axis=1)
     ang_vel_b = quat_rotate_inverse(reference.root_quat_wxyz, reference.root_ang_vel_w)
     qvel = np.concatenate([reference.root_lin_vel_w, ang_vel_b, reference.joint_vel_rad_s], axis=1)

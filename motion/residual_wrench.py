@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.optimize import nnls
 
 from motion.feet import sole_height_m
 from motion.inverse_dynamics import FRICTION, generalized_motion, ground_force_map, sole_jacobians
@@ -157,6 +156,8 @@ def _ground_force(push: np.ndarray, wanted: np.ndarray, limit_nm: np.ndarray) ->
 
     Few ticks meet a torque limit: limits are added only where the forces without them break one.
     """
+    from scipy.optimize import nnls  # see motion.inverse_dynamics
+
     force, _ = nnls(push[:6], wanted[:6])
     carrying = push[6:].any(axis=1)
     arms, load, limit = push[6:][carrying], wanted[6:][carrying], limit_nm[carrying]

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from core.rotations import yaw_of
 from motion.reference import Reference
@@ -28,6 +27,8 @@ def steering_of(reference: Reference) -> np.ndarray:
 
     The heading is the root's, without steps of a whole turn; the speeds are in its frame.
     """
+    from scipy.ndimage import gaussian_filter1d  # see motion.inverse_dynamics
+
     sigma = SMOOTHING_S / reference.dt_s
     heading = gaussian_filter1d(np.unwrap(yaw_of(reference.root_quat_wxyz)), sigma, mode="nearest")
     velocity = gaussian_filter1d(reference.root_lin_vel_w[:, :2], sigma, axis=0, mode="nearest")

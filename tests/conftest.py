@@ -61,6 +61,7 @@ class TryAgain:
         return report
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     keeping_time = [item for item in items if item.get_closest_marker("real_time")]
     if not keeping_time or config.option.collectonly:

@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -231,7 +232,13 @@ def _compose(overrides: Sequence[str]) -> dict[str, Any]:
             config = compose("config", overrides=list(overrides))
         return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     except (HydraException, OmegaConfBaseException, ValueError) as error:
-        raise _explained(error, _compose([]) if overrides else {}) from error
+        raise _explained(error, _defaults() if overrides else {}) from error
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    """What is composed without overrides."""
+    return _compose([])
 
 
 def _explained(error: Exception, known: Mapping[str, Any]) -> InputError:

@@ -23,7 +23,8 @@ _PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
 
 def draw_curves(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     """Draw the rows of metrics.jsonl to a PNG file, atomically."""
-    figure = Figure(figsize=(13, 7), layout="constrained")
+    figure = Figure(figsize=(13, 7))
+    figure.subplots_adjust(left=0.05, right=0.985, top=0.95, bottom=0.07, wspace=0.16, hspace=0.28)
     for axes, (title, names, logarithmic) in zip(figure.subplots(2, 3).flat, _PANELS, strict=True):
         _panel(axes, rows, title, names, logarithmic=logarithmic)
     picture = io.BytesIO()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.cli import main
 from deploy.operator.keys import KEY_TABLE
 from deploy.safety.guard import Guard
 from motion.metrics import METRIC_KEYS
@@ -47,6 +48,12 @@ def run(actors, *options, policy="clip.onnx"):
     return subprocess.run(call, capture_output=True, text=True, timeout=60, env=ENVIRONMENT, stdin=subprocess.DEVNULL)
 
 
+def run_here(actors, capsys, *options):
+    """In this process: the same entry point, without a start of Python."""
+    code = main(command(actors, *map(str, options))[3:])
+    return code, capsys.readouterr().out
+
+
 def state_lines(text):
     states = ("IDLE", "damping", "STAND_UP", "READY", "TRACKING", "HOLD", "LOWERING")
     return [line for line in text.splitlines() if line in states]
@@ -76,10 +83,9 @@ def test_from_standing_up_to_standing_again_in_mujoco(actors, tmp_path):
     assert len(list((tmp_path / "logs").glob("*.mcap"))) == 1
 
 
-def test_mock_knows_no_world(actors, tmp_path):
-    done = run(actors, "--backend", "mock", "--json", tmp_path / "r.json")
+def test_mock_knows_no_world(actors, tmp_path, capsys):
+    assert run_here(actors, capsys, "--backend", "mock", "--json", tmp_path / "r.json")[0] == 0
     metrics = json.loads((tmp_path / "r.json").read_text())["metrics"]
-    assert done.returncode == 0
     unknown = {name for name, value in metrics.items() if value is None}
     assert unknown == {"eg_mpbpe_mm", "empbve_mm", "empbae_mm", "contact_error"}
 
@@ -93,11 +99,11 @@ def test_a_fall_trips_damps_and_is_exit_code_3(actors, tmp_path):
     assert result["outcome"] == "tripped" and result["fault"].startswith("tilt: ")
 
 
-def test_the_same_seed_gives_the_same_numbers_and_another_others(actors, tmp_path):
+def test_the_same_seed_gives_the_same_numbers_and_another_others(actors, tmp_path, capsys):
     metrics = []
     for seed in (1, 1, 2):
         options = ("--start", "reference", "--start-noise", 0.02, "--seed", seed, "--json", tmp_path / "r.json")
-        assert run(actors, "--backend", "mujoco", *options).returncode == 0
+        assert run_here(actors, capsys, "--backend", "mujoco", *options)[0] == 0
         metrics.append(json.loads((tmp_path / "r.json").read_text())["metrics"])
     assert metrics[0] == metrics[1] != metrics[2]
 
@@ -108,9 +114,9 @@ def test_dry_run_stops_after_preflight(actors):
     assert done.returncode == 0 and state_lines(done.stdout) == [] and "joint names" in done.stdout
 
 
-def test_duration_ends_it(actors):
-    done = run(actors, "--backend", "mock", "--duration", "1.0")
-    assert done.returncode == 0 and state_lines(done.stdout)[-1] == "damping" and "outcome completed" in done.stdout
+def test_duration_ends_it(actors, capsys):
+    code, out = run_here(actors, capsys, "--backend", "mock", "--duration", "1.0")
+    assert code == 0 and state_lines(out)[-1] == "damping" and "outcome completed" in out
 
 
 BAD = [
@@ -135,9 +141,6 @@ BAD = [
 
 @pytest.mark.parametrize(("options", "says"), BAD, ids=[" ".join(row[0][2:]) or row[0][1] for row in BAD])
 def test_bad_input_is_one_message_and_exit_code_2(actors, options, says, capsys, monkeypatch, tmp_path):
-    """In this process: the same entry point, without 13 starts of Python."""
-    from deploy.cli import main
-
     monkeypatch.chdir(tmp_path)
     code = main(command(actors, *options)[3:])
     error = capsys.readouterr().err
@@ -148,7 +151,6 @@ def test_bad_input_is_one_message_and_exit_code_2(actors, options, says, capsys,
 
 def test_a_device_that_is_not_fit_is_exit_code_4(actors, tmp_path, monkeypatch, capsys):
     import deploy.session
-    from deploy.cli import main
     from hal.open import open_backend
 
     def hot(name, robot, clock, **options):

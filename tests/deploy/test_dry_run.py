@@ -7,8 +7,6 @@ import pytest
 from deploy.dry_run import _Watch
 from deploy.settings import load_settings
 
-pytestmark = pytest.mark.real_time
-
 
 @pytest.mark.parametrize(
     ("ticks", "oldest_ms", "overruns", "failed"),

@@ -45,7 +45,8 @@ def sentences(path: Path) -> list[str]:
     return [sentence for block in blocks for sentence in re.split(r"(?<=[.!?])\W*\s+", block)]
 
 
-COMMANDS = [(path.name, line) for path in DOCUMENTS for line in code_lines(path)]
+# By command: whoever tests a row of them asks each for its help once.
+COMMANDS = sorted(((path.name, line) for path in DOCUMENTS for line in code_lines(path)), key=lambda one: one[1])
 CLIPS = {path.stem for path in (ROOT / "motion" / "clips").glob("*.npz")}
 ACTORS = {path.parent.name for path in (ROOT / "policy" / "actors").glob("*/actor.onnx")}
 

@@ -42,6 +42,12 @@ def draw_in_software(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KATA_RENDERER", "software")
 
 
+@pytest.fixture
+def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without starts of Python; how many processes play changes nothing, see below."""
+    monkeypatch.setattr("sim2sim.evaluation.default_workers", lambda jobs: 1)
+
+
 def request(*policies: str, **changes: object) -> EvaluationRequest:
     return replace(EvaluationRequest(policies, start_noise_rad=0.02, episodes=3, seed=5), **changes)
 
@@ -141,7 +147,7 @@ def test_scores_that_cannot_be_written_are_one_line_and_exit_1(
     ]
 
 
-def test_report_is_one_file_that_needs_nothing_else(still: str, waving: str, tmp_path: Path) -> None:
+def test_report_is_one_file_that_needs_nothing_else(still: str, waving: str, tmp_path: Path, one_process: None) -> None:
     folder = tmp_path / "report"
     assert main(["--policy", still, "--policy", waving, "--episodes", "2", "--report", str(folder)]) == 0
     (file,) = folder.iterdir()
@@ -152,7 +158,9 @@ def test_report_is_one_file_that_needs_nothing_else(still: str, waving: str, tmp
     assert "Eq. 21" in page and "http" not in page and "src=" in page and 'src="data:' in page
 
 
-def test_video_shows_every_policy_beside_the_reference(still: str, waving: str, tmp_path: Path) -> None:
+def test_video_shows_every_policy_beside_the_reference(
+    still: str, waving: str, tmp_path: Path, one_process: None
+) -> None:
     av = pytest.importorskip("av")
     path = tmp_path / "video.mp4"
     assert main(["--policy", still, "--policy", waving, "--video", str(path)]) == 0

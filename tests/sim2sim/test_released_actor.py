@@ -33,7 +33,7 @@ def released(**conditions: object) -> Player:
 
 @needs_shared_data
 def test_twelve_noisy_starts_score_as_published() -> None:
-    document = evaluate(released(start_noise_rad=0.02, episodes=12)).document()
+    document = evaluate(released(start_noise_rad=0.02, episodes=12), workers=1).document()
     assert document["survival_rate"] == 1.0
     for key, (mean, tolerance) in PUBLISHED.items():
         assert document["metrics"][key]["mean"] == pytest.approx(mean, rel=tolerance), key
@@ -49,5 +49,5 @@ def test_the_exact_start_scores_as_published() -> None:
 @needs_shared_data
 def test_slippery_ground_and_late_commands_make_it_fall() -> None:
     """8 of 12 published; the nominal condition has none."""
-    document = evaluate(released(start_noise_rad=0.02, episodes=12, friction=0.3, delay_s=0.02)).document()
+    document = evaluate(released(start_noise_rad=0.02, episodes=12, friction=0.3, delay_s=0.02), workers=1).document()
     assert document["survival_rate"] < 0.75

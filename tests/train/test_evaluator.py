@@ -1,12 +1,15 @@
 """What an evaluation says of actors that stand and of actors that collapse."""
 
+import pytest
 import torch
 
+from tests.train.conftest import lightly
 from tests.train.worlds import g1, settings, swaying_reference
 from train.mdp.evaluator import FALL_COST, STARTS, NoisyStartEvaluator
 from train.mdp.factory import build_environment
 
 SECONDS = 0.8
+NUM_JOINTS = g1().num_joints
 
 
 def evaluated(act, **changes) -> dict[str, float]:
@@ -14,11 +17,21 @@ def evaluated(act, **changes) -> dict[str, float]:
     evaluator = NoisyStartEvaluator(
         settings(**changes), robot, {"sway": swaying_reference(robot, SECONDS)}, seed=1, threads=2
     )
-    return evaluator.evaluate(act)
+    with lightly():
+        return evaluator.evaluate(act)
 
 
-def test_who_stands_gets_to_the_end():
-    figures = evaluated(lambda observation: torch.zeros(len(observation), g1().num_joints))
+def still(observation):
+    return torch.zeros(len(observation), NUM_JOINTS)
+
+
+@pytest.fixture(scope="module")
+def of_who_stands():
+    return evaluated(still)
+
+
+def test_who_stands_gets_to_the_end(of_who_stands):
+    figures = of_who_stands
     assert figures["nominal_falls"] == 0.0 and figures["nominal_length_ratio"] == 1.0
     # The shoulder sways by up to 0.3 rad, sin² means ½, and the actor does not move it: about 0.2 rad on average.
     assert 100.0 < figures["nominal_empjpe_mrad"] < 400.0
@@ -26,11 +39,8 @@ def test_who_stands_gets_to_the_end():
     assert figures["score"] == sum(both) / 2 + FALL_COST * figures["randomized_falls"] / 2
 
 
-def test_errors_are_those_to_a_reference_that_stays():
-    def still(observation):
-        return torch.zeros(len(observation), g1().num_joints)
-
-    assert evaluated(still, anchor_time_s=0.1) == evaluated(still)
+def test_errors_are_those_to_a_reference_that_stays(of_who_stands):
+    assert evaluated(still, anchor_time_s=0.1) == of_who_stands
 
 
 def test_randomised_starts_have_no_nominal_robots_among_them():

@@ -21,7 +21,7 @@ from train.run import main
 OLDER = tuple(lag for block in ((6, 9, 12), range(15, 49, 3)) for lag in block)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def robot():
     return load_robot()
 
@@ -92,9 +92,8 @@ def test_only_the_critic_learns_at_first():
     assert not any(map(torch.equal, actor, learner.actor.parameters()))
 
 
-def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, monkeypatch):
+def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, light):
     """Held still, the actor that comes out is the one that went in, and says so."""
-    monkeypatch.setenv("KATA_RENDERER", "none")
     short = [
         f"motion={beginning_of('stand', 2.0, tmp_path)}", "num_envs=4", "learner.horizon=4", "prior.kind=none",
         "learner.exploration.steps=2", "environment.older_lags=[]", "threads=1",

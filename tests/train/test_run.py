@@ -21,17 +21,13 @@ from train import session
 from train.checkpoint import save_state
 from train.run import main
 
+pytestmark = pytest.mark.usefixtures("light")
+
 RUN = Path(__file__).parents[2] / "train" / "run.py"
 SHORT = (
     "motion=stand", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "prior.kind=none", "seed=1",
     "threads=1",
 )  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def no_video(monkeypatch):
-    """Without a renderer there is a report without a video, which takes long."""
-    monkeypatch.setenv("KATA_RENDERER", "none")
 
 
 def failed(capsys, *arguments, code=2):
@@ -117,11 +113,13 @@ def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
     assert f"resume={whole} goes on with it" in capsys.readouterr().err
 
 
-def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path):
+def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path, tmp_path_factory):
     run_dir = tmp_path / "run"
+    clip = beginning_of("stand", 2.0, tmp_path_factory.mktemp("clip"))
     # As from a background shell: SIGINT is ignored in what the process inherits.
     ignoring = 'trap "" INT; exec "$0" "$@"'
-    command = ["sh", "-c", ignoring, sys.executable, "-P", str(RUN), *SHORT, "iterations=100000", f"run_dir={run_dir}"]
+    options = [*SHORT[1:], f"motion={clip}", "iterations=100000", f"run_dir={run_dir}"]
+    command = ["sh", "-c", ignoring, sys.executable, "-P", str(RUN), *options]
     environment = {**os.environ, "PYTHONPATH": str(RUN.parents[1])}
     process = subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

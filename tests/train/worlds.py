@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ REWARDS = {
 }
 
 
+@cache
 def g1() -> Robot:
     return load_robot()
 

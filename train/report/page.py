@@ -8,7 +8,7 @@ import yaml
 
 from train.report import choice
 from train.report.choice import JudgedActor
-from train.report.figures import Drawing, draw
+from train.report.figures import Drawing
 from train.report.playback import Playback
 from train.report.preset import PresetDifference
 from train.report.record import TrainingRecord
@@ -24,15 +24,20 @@ figure { margin: 0 0 1rem; } h3 { margin: .4rem 0 0; font-size: 15px; }
 """
 
 
-def page(record: TrainingRecord, preset: tuple[str, Sequence[PresetDifference]], film: str) -> str:
-    """The whole page. ``film``: the video's section, see :func:`video_section` and :func:`no_video`."""
+def page(
+    record: TrainingRecord, preset: tuple[str, Sequence[PresetDifference]], film: str, drawn: Sequence[Drawing]
+) -> str:
+    """The whole page. ``film``: the video's section, see :func:`video_section` and :func:`no_video`.
+
+    ``drawn``: the record's curves.
+    """
     title = f"Training of {record.motion}: {record.name}"
     body = "".join(
         (
             part.heading(title, level=1) + _head(record),
             f"<h2>The chosen weights</h2>{_chosen(record)}",
             f"<h2>The chosen weights at work</h2>{film}",
-            f'<h2>Curves</h2><div class="curves">{"".join(map(_drawing, draw(record.rows, record.evaluations)))}</div>',
+            f'<h2>Curves</h2><div class="curves">{"".join(map(_drawing, drawn))}</div>',
             f"<h2>Where the time went</h2>{_times(record)}",
             f"<h2>Configuration</h2>{_configuration(record, *preset)}",
             f"<h2>The machine</h2>{_machine(record)}",

@@ -1,7 +1,9 @@
 """What a configuration changes against the presets in configs/train."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from core.errors import InputError
@@ -26,14 +28,18 @@ def nearest_preset(document: Mapping[str, Any]) -> tuple[str, list[PresetDiffere
     Configurations do not keep the name of their preset. What the machine decides (precision, threads) is compared with
     what this machine would decide. A preset that cannot be composed is left out.
     """
-    found: list[tuple[str, list[PresetDifference]]] = []
-    for path in sorted((CONFIG_DIR / "train").glob("*.yaml")):
-        try:
-            preset = compose_document(["motion=stand", f"train={path.stem}"])
-        except InputError:
-            continue
-        found.append((path.stem, differences(preset, document)))
+    found = [(name, differences(preset, document)) for name, preset in _presets().items()]
     return min(found, key=lambda entry: len(entry[1]), default=("", []))
+
+
+@cache
+def _presets() -> dict[str, Mapping[str, Any]]:
+    """Every preset that can be composed, by name. Composing them takes seconds, so a process does it once."""
+    composed: dict[str, Mapping[str, Any]] = {}
+    for path in sorted((CONFIG_DIR / "train").glob("*.yaml")):
+        with suppress(InputError):
+            composed[path.stem] = compose_document(["motion=stand", f"train={path.stem}"])
+    return composed
 
 
 def differences(preset: Mapping[str, Any], document: Mapping[str, Any]) -> list[PresetDifference]:

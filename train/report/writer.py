@@ -12,6 +12,7 @@ from train.config import check
 from train.folder import ACTOR_FILE, REPORT_FILE
 from train.progress import TIME_PREFIX
 from train.report.choice import RULE, explain
+from train.report.figures import Drawing, draw
 from train.report.page import no_video, page, video_section
 from train.report.playback import play
 from train.report.preset import nearest_preset
@@ -42,7 +43,7 @@ class TrainingReport:
     def refresh(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the report of a run that goes on, with the rows of its iterations so far."""
         record = replace(self._record, rows=rows, dumps=find_dumps(self._run_dir))
-        self._write(record, no_video(NOT_YET))
+        self._write(record, no_video(NOT_YET), _drawn(record))
 
     def finish(self, film_budget_s: float = FILM_BUDGET_S) -> Path:
         """Write the report of a run that has ended, from its folder; return the file.
@@ -52,12 +53,17 @@ class TrainingReport:
         """
         record = read_record(self._run_dir)
         record = replace(record, machine=record.machine or self._record.machine)
-        self._write(record, no_video("it was not waited for"))
-        self._write(record, _film(self._run_dir, record.document, film_budget_s))
+        drawn = _drawn(record)
+        self._write(record, no_video("it was not waited for"), drawn)
+        self._write(record, _film(self._run_dir, record.document, film_budget_s), drawn)
         return self._run_dir / REPORT_FILE
 
-    def _write(self, record: TrainingRecord, film_section: str) -> None:
-        write_whole(self._run_dir / REPORT_FILE, page(record, self._preset, film_section).encode())
+    def _write(self, record: TrainingRecord, film_section: str, drawn: Sequence[Drawing]) -> None:
+        write_whole(self._run_dir / REPORT_FILE, page(record, self._preset, film_section, drawn).encode())
+
+
+def _drawn(record: TrainingRecord) -> list[Drawing]:
+    return draw(record.rows, record.evaluations)
 
 
 def story(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,8 +22,6 @@ from hal.contract.types import DeviceError
 from hal.emulator.can_bus import BusLine
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, index, motor, robot_file, served
 
-pytestmark = pytest.mark.real_time
-
 YAML = """robot: g1_23dof
 rate_hz: 200
 watchdog_s: 2.0
@@ -53,6 +51,7 @@ def agree(joint: str):
     return lambda question: joint
 
 
+@pytest.mark.real_time
 def test_scan_lists_what_answers(line, capsys: pytest.CaptureFixture[str]) -> None:
     options, bus = line
     assert scan.main([*options, "--ids", "1-4"]) == 0
@@ -62,6 +61,7 @@ def test_scan_lists_what_answers(line, capsys: pytest.CaptureFixture[str]) -> No
     assert not any(one.enabled for one in bus.motors)
 
 
+@pytest.mark.real_time
 def test_scan_says_who_is_silent(line, capsys: pytest.CaptureFixture[str]) -> None:
     options, bus = line
     bus._faults.add("silence", KNEE)
@@ -69,7 +69,7 @@ def test_scan_says_who_is_silent(line, capsys: pytest.CaptureFixture[str]) -> No
     assert "silent: left_knee_joint" in capsys.readouterr().out
 
 
-def test_scan_without_a_file_and_the_table_of_loads(line, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scan_without_a_file_and_the_table_of_loads(capsys: pytest.CaptureFixture[str]) -> None:
     assert scan.main(["--load"]) == 0
     assert "left_leg" in capsys.readouterr().out
     assert scan.main(["--interface", "socketcan", "--channel", "can77"]) == 4

@@ -13,8 +13,6 @@ from hal.emulator.can_bus import HANDOVER_S, BusLine
 from hal.emulator.faults import Faults
 from tests.hal.can.rig import ELBOW, HIP, KNEE, StillRobot, motor, robot_file
 
-pytestmark = pytest.mark.real_time
-
 LEAST_S, MOST_S = 111e-6, 135e-6
 
 

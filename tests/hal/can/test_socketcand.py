@@ -11,8 +11,6 @@ import pytest
 
 from hal.can.socketcand import SocketcandBus
 
-pytestmark = pytest.mark.real_time
-
 GREETING = (b"< hi >", b"< ok >", b"< ok >")
 
 

@@ -19,8 +19,6 @@ from hal.emulator.can_wire import parse_slcan, slcan_line
 from hal.emulator.socketcand import SocketcandServer, frame_text, parse_send
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, index, motor, robot_file, served
 
-pytestmark = pytest.mark.real_time
-
 DAMIAO_AND_ROBSTRIDE = (motor(HIP, 1), motor(KNEE, 2, codec="robstride", model="RS04", direction=-1, gear=1.3))
 ECHOING = (motor(HIP, 3, codec="cubemars", model="AK10-9", options={"keeps_zero": True}), motor(ELBOW, 5))
 MULTICAST_PROBE = """

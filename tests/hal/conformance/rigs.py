@@ -100,9 +100,11 @@ def emulators(factor: float) -> Iterator[Emulators]:
         running.stop()
 
 
-def rig_names() -> list[str]:
-    simulated = [f"{maker}-{robot}" for maker in (*SIMULATED, "fake-wire") for robot in ROBOTS]
-    return [*simulated, *WIRES]
+def rig_names() -> list[Any]:
+    """What runs on the machine's clock keeps time."""
+    simulated = [f"{maker}-{robot}" for maker in SIMULATED for robot in ROBOTS]
+    timed = [*(f"fake-wire-{robot}" for robot in ROBOTS), *WIRES]
+    return [*simulated, *(pytest.param(name, marks=pytest.mark.real_time) for name in timed)]
 
 
 def make_wire(wire: str, running: Emulators, robot: Robot = G1, config: Path | None = None) -> Rig:
@@ -114,9 +116,8 @@ def make_wire(wire: str, running: Emulators, robot: Robot = G1, config: Path | N
     return Rig(EmulatedWireBackend(wire, robot, MonotonicClock(), factory, emulator, **times), True, emulator)
 
 
-def make_rig(name: str, running: Emulators) -> Rig:
-    if name in WIRES:
-        return make_wire(name, running)
+def make_rig(name: str) -> Rig:
+    """Without an emulator."""
     maker, _, robot = name.rpartition("-")
     if maker == "fake-wire":
         return Rig(fake_backend(ROBOTS[robot](), control_period_s=PATIENT_PERIOD_S), wall=True)

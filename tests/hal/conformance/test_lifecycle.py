@@ -9,11 +9,10 @@ import pytest
 
 from hal.contract.backend import Backend, Placeable
 from hal.contract.types import DeviceError, RobotState
-from tests.hal.conformance.rigs import Emulators, Rig, make_rig, ready, rig_names, wait_until
+from hal.open import WIRES
+from tests.hal.conformance.rigs import Rig, make_rig, make_wire, ready, rig_names, wait_until
 from tests.hal.rigs import PERIOD_S, hold, pass_time, run
 from world.actuation import JointCommand
-
-pytestmark = pytest.mark.real_time
 
 # What a device's own scaling of a torque may add to a bound.
 SCALING_NM = 0.5
@@ -26,8 +25,10 @@ def rig_name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def rig(rig_name: str, running: Emulators) -> Iterator[Rig]:
-    made = make_rig(rig_name, running)
+def rig(rig_name: str, request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """Only a wire needs the emulators, and the precedence that comes with them."""
+    wired = rig_name in WIRES
+    made = make_wire(rig_name, request.getfixturevalue("running")) if wired else make_rig(rig_name)
     yield made
     made.backend.close()
 

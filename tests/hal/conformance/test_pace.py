@@ -11,8 +11,6 @@ from hal.dynamixel.robot_file import load_dynamixel
 from hal.open import wire_config
 from tests.hal.conformance.pace import slowed
 
-pytestmark = pytest.mark.real_time
-
 
 def test_rates_fall_and_limits_rise_by_the_factor(tmp_path: Path) -> None:
     can = load_robot_file(slowed("can", wire_config("can"), 2.5, tmp_path))

@@ -10,8 +10,6 @@ from hal.contract.types import DeviceError, DeviceFault
 from hal.dynamixel import registers as r
 from tests.hal.dynamixel.rigs import ROBOT, Bench, hold
 
-pytestmark = pytest.mark.real_time
-
 KNEE = "left_knee_joint"
 ROW = ROBOT.joint_names.index(KNEE)
 

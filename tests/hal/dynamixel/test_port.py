@@ -17,7 +17,7 @@ from hal.dynamixel.questions import Heard, StateQuestions
 pytestmark = pytest.mark.real_time
 
 LONG_S = 5.0
-SHORT_S = 0.4
+SHORT_S = 0.2
 
 
 class Line:

@@ -18,8 +18,6 @@ from hal.emulator.faults import EmulatedFault
 from hal.emulator.keyboard import FAULT_OF_KEY, OTHER_KEYS, FaultKeys
 from tests.hal.emulator.rig import G1, WirelessDevice
 
-pytestmark = pytest.mark.real_time
-
 KNEE = "left_knee_joint"
 
 

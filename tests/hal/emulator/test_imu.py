@@ -2,14 +2,10 @@
 
 from dataclasses import replace
 
-import pytest
-
 from core.config import config_file, load_options
 from hal.emulator.launch import launch_emulator
 from hal.imu.options import ImuOptions
 from hal.imu.reader import ImuReader
-
-pytestmark = pytest.mark.real_time
 
 
 def test_the_imu_alone_can_be_started_reset_and_read() -> None:

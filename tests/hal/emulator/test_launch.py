@@ -14,8 +14,6 @@ from hal.contract.types import DeviceError
 from hal.emulator.control import ControlClient
 from hal.emulator.launch import launch_emulator, start_emulator
 
-pytestmark = pytest.mark.real_time
-
 ROOT = Path(__file__).resolve().parents[3]
 WIRELESS = """
 import sys
@@ -41,6 +39,7 @@ def wait_for(condition, limit_s=20.0):
         time.sleep(0.02)
 
 
+@pytest.mark.real_time
 def test_an_emulator_runs_in_a_process_of_its_own_and_ends_soon():
     with start_emulator(command("--config", "conf", "--fault", "silence:bus0@30")) as emulator:
         assert emulator.kind == "wireless" and emulator.endpoints == {"bus0": "conf://here"}
@@ -53,6 +52,7 @@ def test_an_emulator_runs_in_a_process_of_its_own_and_ends_soon():
     emulator.stop()
 
 
+@pytest.mark.real_time
 def test_a_stopped_emulator_ends_all_the_same():
     emulator = start_emulator(command())
     os.kill(emulator.pid, signal.SIGSTOP)

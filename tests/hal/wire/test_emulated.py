@@ -10,8 +10,6 @@ from hal.wire.backend import WireBackend
 from hal.wire.emulated import EmulatedWireBackend
 from tests.hal.rigs import G1
 
-pytestmark = pytest.mark.real_time
-
 
 def test_the_report_holds_what_the_emulator_found_as_long_as_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {"late": {"worst_ms": 3.0}, "violations": {"counts": {"torque": 2}}}

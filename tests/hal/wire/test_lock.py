@@ -17,8 +17,6 @@ from hal.wire.lock import WireLock, wire_name
 from tests.hal.rigs import G1
 from tests.hal.wire.fake import FakeFactory
 
-pytestmark = pytest.mark.real_time
-
 FORK = multiprocessing.get_context("fork")
 
 

@@ -7,8 +7,6 @@ from hal.wire.outbox import Kind, Outbox
 from hal.wire.shared import Boards
 from world.actuation import JointCommand
 
-pytestmark = pytest.mark.real_time
-
 KD = np.array([2.0, 3.0])
 PERIOD_S = 0.02
 

@@ -15,8 +15,6 @@ from hal.wire.pace import PaceTrial
 from tests.hal.conformance.rigs import Emulators, emulators, make_wire, ready, wait_until
 from world.actuation import JointCommand
 
-pytestmark = pytest.mark.real_time
-
 PERIOD_S = 0.02
 
 
@@ -67,6 +65,7 @@ def running() -> Iterator[Emulators]:
         yield started
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("wire", ["dds", "can", "dynamixel"])
 def test_loop_wire_and_robot_are_slowed_alike(wire: str, running: Emulators) -> None:
     factor = 3.0

@@ -8,8 +8,6 @@ import pytest
 
 from hal.wire.ring import HEADER_BYTES, SLOTS, Ring, SharedMemory
 
-pytestmark = pytest.mark.real_time
-
 
 def make(capacity=64):
     buffer = memoryview(bytearray(Ring.size(capacity)))
@@ -54,7 +52,7 @@ import numpy as np
 from hal.wire.ring import Ring, SharedMemory
 memory = SharedMemory(int(sys.argv[1]), int(sys.argv[2]))
 ring = Ring(memory.buffer, 2048)
-end_s = time.monotonic() + 1.5
+end_s = time.monotonic() + 0.5
 value = 0
 while time.monotonic() < end_s:
     value += 1

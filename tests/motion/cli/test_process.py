@@ -147,19 +147,24 @@ def recordings(standing_clip, tmp_path):
     return tmp_path / "all"
 
 
-def test_a_folder_becomes_a_clip_set(recordings, tmp_path, no_page, capsys):
+@pytest.fixture
+def here(monkeypatch):
+    """Work in the test's process; work in several is tested with one bad input of several, and in test_parallel."""
+    monkeypatch.setattr("motion.cli.process.run_all", lambda work, jobs, workers: [work(job) for job in jobs])
+
+
+def test_a_folder_becomes_a_clip_set(recordings, tmp_path, no_page, here, capsys):
     assert main(["--input", "all", "--output", "set", "--licence", "CC BY 4.0, someone", "--jobs", "1"]) == 1
     assert "set/clips.yaml: 2 of 3 clips are trackable" in capsys.readouterr().out
     names = [(named.name, named.clip.license) for named in open_clip_set(tmp_path / "set", load_robot())]
     assert names == [("a", "CC BY 4.0, someone"), ("deep_a", "CC BY 4.0, someone")]
 
 
-def test_a_folder_that_was_left_half_done_goes_on(recordings, tmp_path, no_page, monkeypatch, capsys):
+def test_a_folder_that_was_left_half_done_goes_on(recordings, tmp_path, no_page, here, monkeypatch, capsys):
     done = []
     monkeypatch.setattr(
         "motion.cli.process.process", lambda request, say: done.append(request.name) or pipeline.process(request, say)
     )
-    monkeypatch.setattr("motion.cli.process.run_all", lambda work, jobs, workers: [work(job) for job in jobs])
     assert main(["--input", "all", "--output", "set"]) == 1
     assert done == ["a", "deep_a", "deep_high"]
     before = (tmp_path / "set" / "clips.yaml").read_bytes()

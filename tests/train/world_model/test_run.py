@@ -17,20 +17,25 @@ from motion.library import CLIPS
 from policy.metadata import read_metadata
 from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
+from tests.train.conftest import lightly
 from tests.train.world_model.small import SMALL
 from train.command import execute
 from train.companion import read_companion
 
+pytestmark = pytest.mark.usefixtures("light")
+
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The run folder of a tracker."""
+    """The run folder of a tracker. Of the runs here it alone has a video."""
     folder = tmp_path_factory.mktemp("tracker")
     (folder / "clips").mkdir()
     shutil.copy(CLIPS / "side_kick.npz", folder / "clips")
-    execute([
-        f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null", f"run_dir={folder / 'run'}",
-    ])  # fmt: skip
+    with lightly(video=True):
+        execute([
+            f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null",
+            f"run_dir={folder / 'run'}",
+        ])  # fmt: skip
     return folder / "run"
 
 
