@@ -12,7 +12,7 @@ from train.config import TrainConfig, check, compose_document, fingerprint, to_y
 
 
 def config(*overrides):
-    return check(compose_document(["motion=taichi", *overrides]))
+    return check(compose_document(["motion=taichi", "train=last_mile", *overrides]))
 
 
 def rewards(*overrides):
@@ -78,16 +78,13 @@ def test_release_preset_is_the_authors_file():
 
 
 def test_presets_differ_in_what_is_randomised_as_the_paper_and_the_file_do():
-    paper, release, default = (
-        config(f"train={name}").environment.randomization for name in ("paper", "pbhc_release", "default")
-    )
-    assert (paper.inertia_of, release.inertia_of, default.inertia_of) == ("ankles", "all", "all")
-    assert not paper.delay_whole_steps and release.delay_whole_steps and not default.delay_whole_steps
+    paper, release = (config(f"train={name}").environment.randomization for name in ("paper", "pbhc_release"))
+    assert (paper.inertia_of, release.inertia_of) == ("ankles", "all")
+    assert not paper.delay_whole_steps and release.delay_whole_steps
 
 
 PRESETS = [
-    "default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals", "maskedmimic",
-    "maskedmimic_paper",
+    "clip", "tracker", "last_mile", "goals", "maskedmimic", "maskedmimic_paper", "window", "paper", "pbhc_release",
 ]  # fmt: skip
 
 

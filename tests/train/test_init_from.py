@@ -96,15 +96,16 @@ def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, monkeypatch):
     """Held still, the actor that comes out is the one that went in, and says so."""
     monkeypatch.setenv("KATA_RENDERER", "none")
     short = [
-        f"motion={beginning_of('stand', 2.0, tmp_path)}", "num_envs=4", "learner.horizon=4", "prior.kind=none",
-        "learner.exploration.steps=2", "environment.older_lags=[]", "threads=1",
+        f"motion={beginning_of('stand', 2.0, tmp_path)}", "train=last_mile", "num_envs=4", "learner.horizon=4",
+        "learner.exploration.steps=2", "threads=1",
     ]  # fmt: skip
     first, second = tmp_path / "first", tmp_path / "second"
     assert main([*short, "iterations=1", "seed=1", f"run_dir={first}"]) == 0
     more = ["iterations=2", "seed=2", "learner.critic_first=2", f"init_from={first / 'actor.onnx'}"]
     assert main([*short, *more, f"run_dir={second}"]) == 0
     actors = [load_actor(run / "actor.onnx", load_robot()) for run in (first, second)]
-    seen = {"actor_obs": torch.linspace(-1.0, 1.0, 380).numpy()}
+    size = actors[0].session.get_inputs()[0].shape[1]
+    seen = {"actor_obs": torch.linspace(-1.0, 1.0, size).numpy()}
     assert actors[0].infer(seen).action.tolist() == actors[1].infer(seen).action.tolist()
     lineage = actors[1].spec.provenance["lineage"]
     assert lineage["sha256"] == actors[0].sha256 and lineage["iteration"] == 1

@@ -20,7 +20,9 @@ OVERRIDES = [
     "num_envs=16",
     "checkpoint_every=2",
     "learner.minibatches=2",
-    "prior.aim=reference",
+    "train=last_mile",
+    "init_from=tracker",
+    "learner.critic_first=2",
 ]
 
 

@@ -303,8 +303,8 @@ def test_learns_to_follow_the_circle(tmp_path, value):
     assert last < 0.75 * first  # lost masses start again near the circle, which flatters the beginning
 
 
-def test_the_critic_of_the_default_preset_keeps_its_rate_while_the_actors_falls():
-    settings = check(compose_document(["motion=none"])).learner
+def test_the_critic_of_the_last_mile_keeps_its_rate_while_the_actors_falls():
+    settings = check(compose_document(["motion=none", "train=last_mile"])).learner
     env = PointMassEnv()
     rate = settings.critic_learning_rate
     learner = make_learner(env, f"learner.critic_learning_rate={rate}", "learner.kl_target=1e-9")
