@@ -42,7 +42,7 @@ def test_paper_preset_is_table_8_and_table_6():
         "body_rotation": 0.1, "body_velocity": 1.0, "body_angular_velocity": 15.0, "hands_head": 0.015, "feet": 0.01,
         "max_joint": 1.0,
     }  # fmt: skip
-    assert paper.prior.kind == "none" and paper.environment.observation_noise == {}
+    assert paper.prior == "none" and paper.environment.observation_noise == {}
 
 
 RELEASED = {  # name in the released file → name here
@@ -194,8 +194,7 @@ REFUSED = [
     ("environment.rewards=3", "environment.rewards: wrong type"),
     ("learner=3", "learner: wrong type"),
     ("~learner", "learner: missing key"),
-    ("prior.kind=magic", "prior.kind: unknown choice, got magic, expected one of lqr, feedforward, observed, none"),
-    ("prior.knot_ticks=0", "prior.knot_ticks: too small"),
+    ("prior=magic", "prior: unknown choice, got magic, expected one of none, observed"),
     ("nonsense", "unusable override"),
     ("=3", "unusable override"),
     ("motion=null", "motion: no motion"),
@@ -227,7 +226,7 @@ REFUSED_WITH_DISTIL = [
     (["distil.losses.kl.end=5"], "distil.losses.kl.end: before begin, got 5, expected 600 or later"),
     (["distil.student.decoder_hidden=[]"], "distil.student.decoder_hidden: unusable layers"),
     (["distil.noise=loud"], "distil.noise: unknown choice, got loud"),
-    (["environment.observations=pbhc", "prior.kind=none"], "environment.observations: missing term"),
+    (["environment.observations=pbhc", "prior=none"], "environment.observations: missing term"),
     (["learner.exploration.kind=antithetic"], "learner.exploration.kind: not with distil, got antithetic"),
 ]
 

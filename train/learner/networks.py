@@ -86,21 +86,6 @@ class Mlp(nn.Module):
         return x
 
 
-class ActionPrior(Protocol):
-    """An action without trained parameters, to which the network adds a residual. A module.
-
-    ``inputs``: how many further inputs it gives to the network.
-    ``unseen``: how many of the observation's last columns are for it alone.
-    """
-
-    inputs: int
-    unseen: int
-
-    def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Action (B, J) and further inputs (B, ``inputs``), if any, of observations (B, Da)."""
-        ...
-
-
 class Residual(Protocol):
     """What an actor's network is. A module."""
 
@@ -133,7 +118,7 @@ class ActorNetwork(nn.Module):
         mlp: the residual, or without a prior the whole mean.
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
-        prior: optional module, see :class:`ActionPrior`.
+        prior: optional module without weights: observations (B, Da) → an action (B, J), to which the residual is added.
     """
 
     def __init__(
@@ -141,25 +126,19 @@ class ActorNetwork(nn.Module):
         mlp: Residual,
         num_actions: int,
         noise_std: tuple[float, float, float],
-        prior: ActionPrior | None = None,
+        prior: nn.Module | None = None,
     ) -> None:
         super().__init__()
         self.mlp, self.prior = mlp, prior
-        inputs, unseen = (0, 0) if prior is None else (prior.inputs, prior.unseen)
-        self._seen = mlp.input_size - inputs
-        self.observation_size = self._seen + unseen
+        self.observation_size = mlp.input_size
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
         self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start), device=mlp.output.weight.device))
 
     def prepare(self, obs: Tensor) -> dict[str, Tensor]:
         """What :meth:`mean` needs of obs (B, Da), and what no training changes."""
-        seen = obs[..., : self._seen]
-        if self.prior is None:
-            return {"inputs": self.mlp.stored(seen)}
-        action, further = self.prior.look(obs)
-        inputs = seen if further is None else torch.cat([seen, further], dim=-1)
-        return {"inputs": self.mlp.stored(inputs), "prior": action}
+        inputs = {"inputs": self.mlp.stored(obs)}
+        return inputs if self.prior is None else inputs | {"prior": self.prior(obs)}
 
     def mean(self, inputs: Tensor, prior: Tensor | None = None) -> Tensor:
         """Mean action (B, J) of what :meth:`prepare` returned."""

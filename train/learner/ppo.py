@@ -20,7 +20,7 @@ from train.learner.networks import ActorNetwork, CriticNetwork
 from train.learner.rates import Rates
 from train.learner.settings import LearnerSettings
 from train.learner.storage import Minibatch, Storage
-from train.learner.transfer import copy_weights, misfits, trained_weights
+from train.learner.transfer import copy_weights, misfits
 from train.nan_guard import require_finite
 
 
@@ -207,7 +207,7 @@ class Ppo:
         """See :class:`train.learner.learner.Learner`. The critic takes another's weights where all of them fit."""
         taken, critic = [], networks.get("critic", {})
         if "actor" in networks:
-            copy_weights(trained_weights(self.actor), networks["actor"], "actor")
+            copy_weights(self.actor.state_dict(), networks["actor"], "actor")
             self.average = self._new_average()
             taken.append("actor")
         own = self.critic.state_dict()
