@@ -34,7 +34,6 @@ CHANGES = {
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "observation_noise": {"dof_pos": 0.01},
     "anchor_time_s": 0.3,
-    "critic_phase_knots": True,
     "penalty_step_max": 0.2,
     "observations": "window",
     "randomization_scale": CONSTANT,

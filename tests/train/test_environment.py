@@ -35,15 +35,6 @@ def test_observation_sizes_are_those_of_the_paper():
     assert (width(env.layout["actor"]), width(env.layout["critic"]), env.num_actions) == (380, 630, 23)
 
 
-def test_the_critic_may_see_the_phase_by_knots():
-    """One second: knots at 0, 0.2, ..., 1 s. After 15 ticks, 0.3 s, it is halfway between the second and the third."""
-    env = small_env(start=FIRST_FRAME, critic_phase_knots=True)
-    for _ in range(15):
-        observations = env.step(hold(env)).observations
-    assert width(env.layout["critic"]) == 630 + 6
-    assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
-
-
 def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
     env = small_env(start=FIRST_FRAME)
     for _ in range(49):
@@ -56,10 +47,10 @@ def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
 
 
 def test_after_the_motion_its_last_pose_is_held():
-    env = small_env(start=FIRST_FRAME, termination={"hold_s": 0.1}, critic_phase_knots=True)
+    env = small_env(start=FIRST_FRAME, termination={"hold_s": 0.1})
     results = [env.step(hold(env)) for _ in range(55)]
     assert [bool(result.timed_out.all()) for result in results] == [False] * 54 + [True]
-    assert results[52].observations["critic"][0, -6:].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    assert results[52].observations["actor"][0, env.layout["actor"]["ref_motion_phase[0]"]].tolist() == [1.0]
 
 
 def test_a_maximal_length_is_a_time_out():

@@ -210,45 +210,6 @@ def test_noise_stays_within_its_bounds():
     assert float(std.min()) > 0.4499 and float(std.max()) < 0.5501
 
 
-def test_critic_is_normalized_by_what_it_saw_only_after_learning():
-    env = PointMassEnv()
-    learner = make_learner(env)
-    observations = collect(learner, env)
-    assert torch.equal(learner.critic.normalizer.mean, torch.zeros(9))
-    assert learner.update(observations)["kl_first"] == 0.0
-    first = learner.critic.normalizer.mean.clone()
-    assert not torch.equal(first, torch.zeros(9))
-    learner.update(collect(learner, env))
-    assert not torch.equal(learner.critic.normalizer.mean, first)
-
-
-def test_critic_is_the_network_of_where_it_is_how_far_off_and_the_knots():
-    """The folded layer against the plain network on all of its inputs, values and gradients."""
-    env = PointMassEnv()
-    learner = make_learner(env)
-    learner.update(collect(learner, env))
-    critic, seen = learner.critic, env.reset()["critic"]
-    usual, x, hats = critic.normalizer, seen[:, :-3], seen[:, -3:]
-    off = (x - hats @ usual.usual) / usual.spread_off
-    assert off.abs().max() < 5.0 and torch.allclose(hats.sum(dim=1), torch.ones(len(hats)))
-    plain = critic.mlp.output(critic.mlp.hidden(torch.cat([(x - usual.mean) / usual.spread, off, hats], dim=1)))
-    values = critic(seen)
-    torch.testing.assert_close(values, plain, rtol=1e-4, atol=1e-5)
-    parameters = list(critic.mlp.parameters())
-    for got, expected in zip(
-        *(torch.autograd.grad(v.square().sum(), parameters) for v in (values, plain)), strict=True
-    ):
-        torch.testing.assert_close(got, expected, rtol=1e-3, atol=1e-4)
-
-
-def test_critic_sees_bare_numbers_where_the_environment_gives_no_phase():
-    env = PointMassEnv()
-    env.layout = {**env.layout, "critic": {"all": slice(0, 12)}}
-    critic = make_learner(env).critic
-    seen = env.reset()["critic"]
-    assert critic.normalizer is None and torch.equal(critic.prepare(seen)["inputs"], seen)
-
-
 def test_actor_and_critic_learn_from_returns_of_their_own_lambda():
     env = PointMassEnv()
     learner = make_learner(env, "learner.gamma=0.9", "learner.lam=0.0", "learner.critic_lam=1.0", "learner.epochs=1")

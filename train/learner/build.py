@@ -6,14 +6,13 @@ import torch
 
 from robot.robot import Robot
 from train.config import TrainConfig
-from train.distributed import Reduce, reduce_here
+from train.distributed import reduce_here
 from train.interface import Environment, width
 from train.learner.antithetic import Antithetic
 from train.learner.exploration import Exploration, ExplorationSettings, Gaussian
 from train.learner.heads import ValueHeads
 from train.learner.losses import WeightedSum
 from train.learner.networks import ActorNetwork, CriticNetwork, Mlp
-from train.learner.normalizer import normalizer_of
 from train.learner.ppo import Plugs, Ppo
 from train.mdp.tracking import ACTION_SCALE
 from train.world_model.policy import BoundedResidual, CarryingTargets, Layout
@@ -28,12 +27,12 @@ def _generator(seed: int, stream: str, device: str = "cpu") -> torch.Generator:
 
 def build_learner(config: TrainConfig, env: Environment, robot: Robot) -> Ppo:
     """A learner that fits ``env``. Same configuration, same initial weights, on whatever device."""
-    settings, device, reduce = config.learner, config.device, reduce_here()
+    settings, device = config.learner, config.device
     heads = ValueHeads.of(config.value, env.reward_names)
-    plugs = Plugs(exploration_of(settings.exploration), WeightedSum.of(settings), heads, reduce)
+    plugs = Plugs(exploration_of(settings.exploration), WeightedSum.of(settings), heads, reduce_here())
     return Ppo(
         _actor(config, env, robot).to(device),
-        _critic(config, env, len(heads), reduce).to(device),
+        _critic(config, env, len(heads)).to(device),
         settings,
         plugs,
         noise=_generator(config.seed, "noise", device),
@@ -63,13 +62,9 @@ def _actor(config: TrainConfig, env: Environment, robot: Robot) -> ActorNetwork:
     return ActorNetwork(mlp, env.num_actions, noise_std)
 
 
-def _critic(config: TrainConfig, env: Environment, heads: int, reduce: Reduce) -> CriticNetwork:
-    columns = env.layout["critic"]
-    normalizer = normalizer_of(columns, reduce)
-    inputs, fold = (width(columns), None) if normalizer is None else (normalizer.weight_columns, normalizer.fold)
-    generator = _generator(config.seed, "critic")
-    mlp = _mlp(config)(inputs, config.learner.critic_hidden, heads, generator=generator, fold=fold)
-    return CriticNetwork(mlp, normalizer)
+def _critic(config: TrainConfig, env: Environment, heads: int) -> CriticNetwork:
+    hidden, generator = config.learner.critic_hidden, _generator(config.seed, "critic")
+    return CriticNetwork(_mlp(config)(width(env.layout["critic"]), hidden, heads, generator=generator))
 
 
 def _mlp(config: TrainConfig) -> partial[Mlp]:

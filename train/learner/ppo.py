@@ -89,7 +89,6 @@ class Ppo:
         mean, log_std = self.actor.mean(**seen), self.actor.log_std
         actions = mean + torch.exp(log_std) * self.plugs.exploration.noise(mean, self.noise)
         critic = self.critic.prepare(given)
-        self.critic.remember(given)
         self.storage.put(
             actor=seen, critic=critic, mean=mean, actions=actions,
             log_prob=log_prob(actions, mean, log_std), values=self.critic.values(**critic),
@@ -158,18 +157,12 @@ class Ppo:
         return (returns - self.storage["values"]).var() / returns.var().clamp(min=1e-12)
 
     def _finish(self) -> None:
-        """End an iteration. What the critic sees changes now, so that rollout and learner see the same numbers."""
-        self.critic.normalize()
-        self.forget()
+        """End an iteration, and make room for the samples of the next."""
+        self.storage.step = 0
         if not self._is_actor_held:
             self.average.update(self.actor.state_dict())
             self.rates.iterations += 1
         self.updates += 1
-
-    def forget(self) -> None:
-        """Make room for the samples of the next iteration."""
-        self.storage.step = 0
-        self.critic.forget()
 
     def _learn(self, samples: Minibatch) -> dict[str, Tensor]:
         """One optimiser step."""

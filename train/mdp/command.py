@@ -100,10 +100,6 @@ class Command:
         window = replace(window, visible=visible(state.goal[rows]))
         return self.anchor.window(window, state.place.rows(rows))
 
-    def phase(self, state: EnvState) -> torch.Tensor:
-        """How far in its clip each robot is (B,), 0 to 1."""
-        return (state.tick / self.num_ticks[state.clip]).clamp(max=1.0)
-
     def is_over(self, state: EnvState) -> torch.Tensor:
         """Whose episode (B,) has come to its end, or lasted as long as one may."""
         return (state.tick >= self._last_tick[state.clip]) | (state.episode_steps >= self._most_steps)

@@ -161,8 +161,6 @@ class EnvironmentSettings:
 
     ``observations``: what the actor sees: the name of a layout, or terms in order.
     ``critic``: what the critic sees, terms of :mod:`train.mdp.critic_terms` in order.
-    ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too, and through
-    :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     ``anchor_time_s``: see :class:`train.mdp.anchor.Anchor`.
     ``goals``: what of the reference robots are shown; None: all.
@@ -179,7 +177,6 @@ class EnvironmentSettings:
     sigma_alpha: float = 1e-3
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
-    critic_phase_knots: bool = False
     older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
     anchor_time_s: float | None = None

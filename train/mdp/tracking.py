@@ -78,7 +78,7 @@ class TrackingEnv:
         self._terminations = [
             TERMINATIONS.bound(name, params) for name, params in s.termination.terms.items() if params is not None
         ]
-        self.critic = Critic(s, command, self.observations, self._physics, CONTROL_PERIOD_S)
+        self.critic = Critic(s, self.observations, self._physics)
         self.curricula = {name: Curriculum(getattr(s, name)) for name in _CURRICULA}
         self.average, self.uniform_average, self._length_ratio = EpisodeAverage(), EpisodeAverage(), LengthRatio()
         self._everyone = torch.arange(self.num_envs, device=self.device)
