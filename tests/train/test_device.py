@@ -33,7 +33,6 @@ CHANGES = {
     },
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "observation_noise": {"dof_pos": 0.01},
-    "anchor_time_s": 0.3,
     "penalty_step_max": 0.2,
     "observations": "window",
     "randomization_scale": CONSTANT,
@@ -41,7 +40,7 @@ CHANGES = {
 
 
 TAUGHT = CHANGES | {
-    "observations": "goals", "teacher": "tracker", "anchor_time_s": None,
+    "observations": "goals", "teacher": "tracker",
     "goals": {
         "kinds": {"bodies": 0.5, "random": 0.5}, "redraw_per_s": 5.0, "gap_per_s": 5.0, "gap_s": [0.02, 0.1],
     },

@@ -224,7 +224,6 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
         "observation_noise": {"dof_pos": 0.01},
         "start": {"first_frame": 0.3, "by_failure": 0.3, "joint_noise_rad": 0.02},
         "events": {"push": {"interval_s": [0.1, 0.2], "params": {"velocity_m_s": 0.2}}},
-        "anchor_time_s": 0.3,
     }
     first, second = small_env(seconds=0.4, **changes), small_env(seconds=0.4, seed=9, **changes)
     generator = torch.Generator().manual_seed(5)

@@ -162,7 +162,6 @@ class EnvironmentSettings:
     ``observations``: what the actor sees: the name of a layout, or terms in order.
     ``critic``: what the critic sees, terms of :mod:`train.mdp.critic_terms` in order.
     ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
-    ``anchor_time_s``: see :class:`train.mdp.anchor.Anchor`.
     ``goals``: what of the reference robots are shown; None: all.
     ``teacher``: the layout of what a teacher sees of the same moments; None: there is none.
     """
@@ -179,7 +178,6 @@ class EnvironmentSettings:
     torque_soft_factor: float = 0.85
     older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
-    anchor_time_s: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     clips: ClipSettings = field(default_factory=ClipSettings)
     events: dict[str, EventTerm] = field(default_factory=dict)
@@ -205,9 +203,8 @@ class EnvironmentSettings:
             within(f"environment.randomization_scale.{name}", getattr(self.randomization_scale, name), 0.0, 1.0)
         within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
         positive("environment.torque_soft_factor", self.torque_soft_factor)
-        for name in ("penalty_step_max", "anchor_time_s"):
-            if getattr(self, name) is not None:
-                positive(f"environment.{name}", getattr(self, name))
+        if self.penalty_step_max is not None:
+            positive("environment.penalty_step_max", self.penalty_step_max)
         self._check_observations()
 
     def _check_observations(self) -> None:
@@ -232,10 +229,6 @@ class EnvironmentSettings:
                 where = f"environment.{name}"
                 raise InputError("unknown layout", where=where, got=layout, expected=", ".join(LAYOUTS))
         check_terms(self.actor_group(), "environment.observations")
-        if self.goals is not None and self.anchor_time_s is not None:
-            raise InputError(
-                "not with goals", where="environment.anchor_time_s", got=self.anchor_time_s, expected="null"
-            )
 
     def older_ticks(self) -> tuple[int, ...]:
         """All of ``older_lags``, in order."""

@@ -100,7 +100,6 @@ class TrackingEnv:
             error_change_m=torch.zeros_like(bodies.pos_w),
             **dict(zip(("actor_history", "critic_history"), self.observations.histories(envs), strict=True)),
             event_wait_s=self.events.first_waits(envs),
-            place=self.command.anchor.at_start(envs),
             physics=physics,
             bodies=bodies,
             target=self.command.table.rows(clip, tick + 1),
@@ -182,8 +181,6 @@ class TrackingEnv:
         state.position_error_m = position_error_m
         state.sensed_before = senses_of(state.physics)
         state.physics, state.bodies = t.physics, t.bodies
-        root = t.physics.root_pos_w, t.physics.root_quat_wxyz
-        state.place = self.command.anchor.followed(state.place, *root, t.reference)
         state.target = self.command.next_target(state)
         self.observations.push(state, *self._sample(self._everyone, t.reference.phase, self._generator))
 
