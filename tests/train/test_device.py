@@ -29,7 +29,6 @@ class OnTheCpu:
 CHANGES = {
     "start": {
         "first_frame": 0.2, "by_failure": 0.3, "joint_noise_rad": 0.02, "tilt_noise_rad": 0.02, "velocity_noise": 0.1,
-        "recovery": {"share": 0.5, "motions": ["stand"], "velocity_m_s": 0.1},
     },
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "observation_noise": {"dof_pos": 0.01},

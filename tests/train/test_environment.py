@@ -8,11 +8,8 @@ import pytest
 import torch
 
 from core.errors import InputError
-from core.rotations import quat_rotate
 from motion.feet import ground_lift_m
-from motion.library import open_motion
 from motion.metrics import empbae_mm
-from motion.reference import build_reference
 from policy.layouts import pbhc_actor_group
 from tests.train.worlds import CONSTANT, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
@@ -149,42 +146,6 @@ def test_starts_lie_on_the_reference_with_its_velocities():
     assert not state.joint_vel_rad_s.numpy()[~moving].any()
 
 
-def test_recovery_starts_are_frames_of_other_motions_where_the_reference_stands():
-    robot = g1()
-    recovery = {"share": 0.5, "motions": ["side_kick", "taichi"], "velocity_m_s": 0.3}
-    env = small_env(num_envs=400, start={"first_frame": 1.0, "recovery": recovery})
-    state = env.simulator.state()
-    others = [build_reference(open_motion(name, robot), robot) for name in recovery["motions"]]
-    joints = np.concatenate([other.joint_pos_rad for other in others])
-    speeds = np.concatenate([other.joint_vel_rad_s for other in others])
-    velocity = np.concatenate([other.root_lin_vel_w for other in others])
-    begin = swaying_reference(robot)
-    away = np.abs(state.joint_pos_rad.numpy() - begin.joint_pos_rad[0]).max(axis=1) > 1e-5
-    assert 0.4 < away.mean() < 0.6
-    found = joints[None].astype(np.float32) - state.joint_pos_rad.numpy()[away][:, None]
-    row = np.abs(found).max(axis=2).argmin(axis=1)
-    np.testing.assert_allclose(state.joint_pos_rad.numpy()[away], joints[row], atol=1e-5)
-    assert min((row < others[0].num_ticks).sum(), (row > others[0].num_ticks).sum()) > 0.3 * len(row)
-    np.testing.assert_allclose(state.root_pos_w.numpy()[:, :2], np.zeros((400, 2)), atol=1e-6)
-    alike = np.abs(speeds[row] - state.joint_vel_rad_s.numpy()[away]).max(axis=1) < 1e-4
-    assert alike.mean() > 0.8  # where the pose rests, another tick of it may be found
-    extra = (state.root_lin_vel_w.numpy()[away] - velocity[row])[alike]
-    assert np.abs(extra[:, :2]).max() <= 0.3 + 1e-4 and extra[:, :2].std(axis=0).min() > 0.1  # uniform: 0.3/√3
-    assert np.abs(extra[:, 2]).max() < 1e-4
-    assert np.abs(state.joint_vel_rad_s.numpy()[~away]).max() < 0.01  # at rest, or where another motion begins
-    sole = [bodies_sole_height(env, robot, foot) for foot in robot.feet]
-    np.testing.assert_allclose(np.minimum(*sole), 0.0, atol=1e-5)
-
-
-def bodies_sole_height(env, robot, foot) -> np.ndarray:
-    """Height (B,) of the lowest corner of a foot's sole, by the environment's bodies at its start."""
-    index = robot.tracked_index([foot])[0]
-    pos, quat = env.state.bodies.pos_w[:, index], env.state.bodies.quat_wxyz[:, index]
-    corners = torch.tensor(robot.sole_points_m[foot].copy()).float()
-    world = torch.stack([pos + quat_rotate(quat, corner.expand(len(pos), 3)) for corner in corners])
-    return world[..., 2].amin(dim=0).numpy()
-
-
 def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     robot = g1()
     reference = swaying_reference(robot)
@@ -308,9 +269,6 @@ def test_episode_averages_start_at_the_first_episodes():
         ({"observations": "none_such"}, "environment.observations: unknown layout"),
         ({"observations": [{"term": "dof_poss"}]}, "environment.observations.*unknown observation term"),
         ({"penalty_scale": CONSTANT | {"driver": "hope"}}, "penalty_scale.driver: unknown curriculum driver"),
-        ({"start": {"recovery": {"share": 0.5}}}, "start.recovery.motions: no motion"),
-        ({"start": {"recovery": {"share": 1.5, "motions": ["stand"]}}}, "recovery.share: out of range"),
-        ({"start": {"recovery": {"velocity_m_s": -0.1}}}, "recovery.velocity_m_s"),
     ],
 )
 def test_bad_settings_are_refused_by_name(changes, text):

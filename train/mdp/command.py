@@ -37,7 +37,6 @@ class Command:
         settings: how clips and start times are drawn; how long an episode lasts.
         generator: source of what each episode draws.
         dt_s: control period.
-        recovery: motions of ``settings.start.recovery``, where there are any.
     """
 
     def __init__(
@@ -47,14 +46,13 @@ class Command:
         settings: EnvironmentSettings,
         generator: torch.Generator,
         dt_s: float,
-        recovery: ReferenceTable | None = None,
     ) -> None:
         device = table.num_ticks.device
         self.names, self.table, self.num_ticks = tuple(names), table, table.num_ticks
         self._most_steps = round(settings.termination.max_episode_s / dt_s)
         self._last_tick = table.num_ticks + round(settings.termination.hold_s / dt_s)
         self.failures = FailureRates(table.num_ticks)
-        self._starts = StartSampler(settings.start, table.num_ticks, generator, recovery)
+        self._starts = StartSampler(settings.start, table.num_ticks, generator)
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
         self.goals, self._dt_s = Goals(settings.goals, generator), dt_s

@@ -74,25 +74,6 @@ class CurriculumSettings:
 
 
 @dataclass(frozen=True)
-class RecoverySettings:
-    """Starts from which the robot must find back: any frame of other ``motions``, moved to where the reference stands.
-
-    ``share`` of all starts are such. ``velocity_m_s``: drawn from ± this in x and y and added to the whole robot's.
-    """
-
-    share: float = 0.0
-    motions: tuple[str, ...] = ()
-    velocity_m_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        where = "environment.start.recovery"
-        within(f"{where}.share", self.share, 0.0, 1.0)
-        at_least(f"{where}.velocity_m_s", self.velocity_m_s, 0.0)
-        if self.share > 0.0 and not self.motions:
-            raise InputError("no motion", where=f"{where}.motions", expected="clips or files where share is above 0")
-
-
-@dataclass(frozen=True)
 class StartSettings:
     """Where episodes begin: shares of the first frame and of phases before failures; the rest is uniform.
 
@@ -105,7 +86,6 @@ class StartSettings:
     tilt_noise_rad: float = 0.0
     velocity_noise: float = 0.0
     first_frame_at_rest: bool = True
-    recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name in ("joint_noise_rad", "tilt_noise_rad", "velocity_noise"):
