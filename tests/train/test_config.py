@@ -185,10 +185,6 @@ REFUSED = [
     ("environment.observation_noise.dof_pos=-1", "environment.observation_noise.dof_pos: too small"),
     ("environment.error_limit_m.start=-1", "environment.error_limit_m.start: too small"),
     ("environment.penalty_scale.start=9", "environment.penalty_scale.start: out of range"),
-    ("environment.older_lags=[[4,6]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[6,9],[9]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[6,2000]]", "environment.older_lags: unusable lags"),
     ("environment.sigma_alpha=2", "environment.sigma_alpha: out of range"),
     ("environment=null", "environment: wrong type"),
     ("environment.rewards=3", "environment.rewards: wrong type"),
@@ -265,12 +261,6 @@ def test_refused_in_one_line(override, message):
     with pytest.raises(InputError, match=message) as caught:
         config(override)
     assert "\n" not in str(caught.value)
-
-
-def test_earlier_ticks_need_somebody_who_looks_at_them():
-    assert config("environment.older_lags=[[6,9],[12]]").environment.older_ticks() == (6, 9, 12)
-    with pytest.raises(InputError, match=r"environment\.older_lags: nothing looks at them"):
-        config("environment.older_lags=[[6,9],[12]]", "prior.features=false")
 
 
 def test_resume_takes_a_budget_and_nothing_else():

@@ -1,6 +1,5 @@
 """The tracking environment: layout, timing, resets, curricula, resuming."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -155,11 +154,10 @@ def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     assert foot + sole + lift == pytest.approx(np.zeros(len(foot)), abs=1e-9)
 
 
-@pytest.mark.parametrize("older_lags", [[], [[5, 6], [8]]])
-def test_actor_observations_equal_those_of_the_robot(older_lags):
+def test_actor_observations_equal_those_of_the_robot():
     """What training feeds the network is, from the first tick on, what deployment's history gives."""
-    env = small_env(num_envs=2, start=FIRST_FRAME, older_lags=older_lags)
-    assert env.actor_group == pbhc_actor_group(older_lags=tuple(itertools.chain(*older_lags)))
+    env = small_env(num_envs=2, start=FIRST_FRAME)
+    assert env.actor_group == pbhc_actor_group()
     for trained, computed in observations_of_robots(env, 12, action_size=0.1):
         assert trained == pytest.approx(computed, abs=2e-5)
 

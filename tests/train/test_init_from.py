@@ -18,8 +18,6 @@ from train.checkpoint import Checkpoints
 from train.lineage import begin_from, find_source
 from train.run import main
 
-OLDER = tuple(lag for block in ((6, 9, 12), range(15, 49, 3)) for lag in block)
-
 
 @pytest.fixture
 def robot():
@@ -63,7 +61,8 @@ def test_an_actor_of_another_shape_is_refused_and_nothing_changes(tmp_path, robo
 
 
 def test_a_bundled_actor_gives_the_weights_of_its_graph(robot):
-    source = find_source("side_kick", robot, pbhc_actor_group(older_lags=OLDER))
+    seen = load_actor(resolve_actor("side_kick"), robot).spec.observations[0]
+    source = find_source("side_kick", robot, seen)
     digest = hashlib.sha256(resolve_actor("side_kick").read_bytes()).hexdigest()
     assert source.lineage["sha256"] == digest and source.lineage["iteration"] == 2011
     assert source.networks["actor"]["mlp.output.bias"].shape == (23,)

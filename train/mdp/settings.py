@@ -1,13 +1,12 @@
 """What the environment can be told: checked at construction, before any simulation."""
 
-import itertools
 from dataclasses import dataclass, field
 
 from core.errors import InputError
 from core.structured import at_least, positive, within
 from policy.layouts import LAYOUTS
 from policy.observation import check_terms
-from policy.spec import MAX_LAG, ObservationGroup, ObservationTerm
+from policy.spec import ObservationGroup, ObservationTerm
 from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
@@ -141,7 +140,6 @@ class EnvironmentSettings:
 
     ``observations``: what the actor sees: the name of a layout, or terms in order.
     ``critic``: what the critic sees, terms of :mod:`train.mdp.critic_terms` in order.
-    ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
     ``goals``: what of the reference robots are shown; None: all.
     ``teacher``: the layout of what a teacher sees of the same moments; None: there is none.
     """
@@ -156,7 +154,6 @@ class EnvironmentSettings:
     sigma_alpha: float = 1e-3
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
-    older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     clips: ClipSettings = field(default_factory=ClipSettings)
@@ -197,12 +194,6 @@ class EnvironmentSettings:
             CRITIC_TERMS.check(f"environment.critic.{name}", name, {})
         if not self.critic:
             raise InputError("no term", where="environment.critic", expected=CRITIC_TERMS.names)
-        rising = all(a < b for a, b in itertools.pairwise((4, *self.older_ticks(), MAX_LAG + 1)))
-        if not rising or not all(self.older_lags):
-            raise InputError(
-                "unusable lags", where="environment.older_lags", got=[list(block) for block in self.older_lags],
-                expected=f"blocks of ticks from 5 to {MAX_LAG}, rising from one to the next",
-            )  # fmt: skip
         for name in ("observations", "teacher"):
             layout = getattr(self, name)
             if isinstance(layout, str) and layout not in LAYOUTS:
@@ -210,16 +201,11 @@ class EnvironmentSettings:
                 raise InputError("unknown layout", where=where, got=layout, expected=", ".join(LAYOUTS))
         check_terms(self.actor_group(), "environment.observations")
 
-    def older_ticks(self) -> tuple[int, ...]:
-        """All of ``older_lags``, in order."""
-        return tuple(itertools.chain.from_iterable(self.older_lags))
-
     def actor_group(self) -> ObservationGroup:
         """The layout of the actor's observation."""
         if not isinstance(self.observations, str):
             return ObservationGroup("actor_obs", self.observations)
-        layout = LAYOUTS[self.observations]
-        return layout(older_lags=self.older_ticks()) if self.older_lags else layout()
+        return LAYOUTS[self.observations]()
 
     def teacher_group(self) -> ObservationGroup | None:
         """The layout of the teacher's observation, where there is a teacher."""
