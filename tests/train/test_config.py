@@ -165,7 +165,6 @@ REFUSED = [
     ("contact_mask=maybe", "contact_mask: wrong type"),
     ("train=thesis", "Could not find 'train/thesis'"),
     ("learner.clip=0", "learner.clip: not positive"),
-    ("learner.kl_decay=0", "learner.kl_decay: too small"),
     ("learner.gamma=1.1", "learner.gamma: out of range"),
     ("learner.actor_hidden=[]", "learner.actor_hidden"),
     ("learner.actor_hidden=[64,0]", r"learner.actor_hidden\[1\]: too small"),

@@ -116,24 +116,6 @@ def test_rate_moves_outside_a_factor_of_two(kl, expected):
     assert rates.value == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("iterations", "target"), [(0, 0.06), (100, 0.03), (200, 0.02), (500, 0.01)])
-def test_ever_less_divergence_is_wanted(iterations, target):
-    for kl, factor in ((2.1 * target, 1 / 1.5), (1.9 * target, 1.0), (0.6 * target, 1.0), (0.4 * target, 1.5)):
-        rates = Rates(1e-3, LearnerSettings(kl_target=0.06, kl_decay=100, kl_factor=1.5), iterations)
-        rates.adapt(kl)
-        assert rates.value == pytest.approx(1e-3 * factor)
-
-
-def test_every_update_counts_as_an_iteration():
-    env = PointMassEnv()
-    learner = make_learner(env)
-    for _ in range(2):
-        learner.update(collect(learner, env))
-    other = make_learner(env)
-    other.load_state_dict(learner.state_dict())
-    assert learner.rates.iterations == other.rates.iterations == 2
-
-
 def test_rate_stays_within_its_range():
     rates = Rates(1.1e-5, LearnerSettings(learning_rate_range=(1e-5, 2e-3)))
     rates.adapt(1.0)

@@ -161,7 +161,6 @@ class Ppo:
         self.storage.step = 0
         if not self._is_actor_held:
             self.average.update(self.actor.state_dict())
-            self.rates.iterations += 1
         self.updates += 1
 
     def _learn(self, samples: Minibatch) -> dict[str, Tensor]:
@@ -220,7 +219,6 @@ class Ppo:
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "learning_rate": self.rates.value,
-            "iterations": self.rates.iterations,
             "updates": self.updates,
             "noise": self.noise.get_state(),
             "shuffle": self.shuffle.get_state(),
@@ -232,7 +230,6 @@ class Ppo:
         self.critic.load_state_dict(state["critic"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.rates.value, self.rates.iterations = state["learning_rate"], state["iterations"]
-        self.updates = state["updates"]
+        self.rates.value, self.updates = state["learning_rate"], state["updates"]
         self.noise.set_state(state["noise"])
         self.shuffle.set_state(state["shuffle"])
