@@ -129,8 +129,8 @@ def replay_dump(path: Path) -> str:
 
 def told_before(setup: Setup) -> list[str]:
     """What is known of the clips before anything is learnt."""
-    one = setup.references[setup.config.motion_name] if setup.config.motions is None else None
-    return [*(feasibility(setup.robot, one) if one else []), *friction_floor(setup)]
+    one = [] if setup.clips else feasibility(setup.robot, setup.references[setup.config.motion_name])
+    return [*one, *friction_floor(setup)]
 
 
 def feasibility(robot: Robot, reference: Reference) -> list[str]:
