@@ -173,7 +173,7 @@ def compose_document(overrides: Sequence[str]) -> dict[str, Any]:
 
 
 def with_preset(overrides: Sequence[str]) -> list[str]:
-    """The overrides, with the preset for many clips where they ask for these and name none; the file's own is for one."""
+    """The overrides, with the preset for many clips where they ask for these and name none."""
     given = {override.partition("=")[0] for override in overrides}
     return [*overrides, f"train={MANY_CLIPS}"] if "motions" in given and "train" not in given else [*overrides]
 
