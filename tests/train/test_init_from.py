@@ -95,11 +95,11 @@ def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, monkeypatch):
     """Held still, the actor that comes out is the one that went in, and says so."""
     monkeypatch.setenv("KATA_RENDERER", "none")
     short = [
-        f"motion={beginning_of('stand', 2.0, tmp_path)}", "train=last_mile", "num_envs=4", "learner.horizon=4",
+        f"motion={beginning_of('stand', 2.0, tmp_path)}", "train=window", "num_envs=4", "learner.horizon=4",
         "learner.exploration.steps=2", "threads=1",
     ]  # fmt: skip
     first, second = tmp_path / "first", tmp_path / "second"
-    assert main([*short, "iterations=1", "learner.critic_first=0", "seed=1", f"run_dir={first}"]) == 0
+    assert main([*short, "iterations=1", "seed=1", f"run_dir={first}"]) == 0
     more = ["iterations=2", "seed=2", "learner.critic_first=2", f"init_from={first / 'actor.onnx'}"]
     assert main([*short, *more, f"run_dir={second}"]) == 0
     actors = [load_actor(run / "actor.onnx", load_robot()) for run in (first, second)]
