@@ -1,14 +1,13 @@
 #!/usr/bin/env -S python3 -P
 """What PBHC's ideas are worth in equal short trainings: tolerances, the contact mask, a value head per term.
 
-The default with PBHC's own reward terms alone, each variant with every seed, one core each; then all actors in the same
+The paper's preset with fewer robots, each variant with every seed, one core each; then all actors in the same
 simulations: --episodes nominal ones with noisy starts, and as many with everything randomised. A cell holds one figure
 a seed. What is trained already is not trained again: --folder has a folder for each motion and number of iterations.
 """
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -16,12 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from core.processes import available_cores
-from train.folder import ACTOR_FILE, FEASIBLE_FILE, SUMMARY_FILE
+from train.folder import ACTOR_FILE, SUMMARY_FILE
 
 ROOT = Path(__file__).resolve().parents[1]
-PBHC_TERMS = tuple(
-    f"environment.rewards.{name}=null" for name in ("body_position_relative", "body_acceleration", "heading")
-)
+PRESET = ("train=paper", "num_envs=512")
 VARIANTS: dict[str, tuple[str, ...]] = {
     "adaptive": (),
     "coarse": ("sigma=coarse",),
@@ -38,23 +35,19 @@ COLUMNS = {"falls": 0, "empbpe_mm": 1, "eg_mpbpe_mm": 1, "empjpe_mrad": 0}  # an
 def train(run: Path, settings: list[str]) -> Path:
     """Train into the folder ``run`` unless that is done; return the actor."""
     if not (run / SUMMARY_FILE).is_file():
-        command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *settings, *PBHC_TERMS, f"run_dir={run}"]
+        command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *PRESET, *settings, f"run_dir={run}"]
         with run.with_suffix(".log").open("w") as log:
             subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=True)
     return run / ACTOR_FILE
 
 
 def train_all(variants: list[str], seeds: list[int], motion: str, iterations: int, folder: Path) -> dict[Key, Path]:
-    """The actors by variant and seed. The search for the feasible motion is the same for all: it is made once."""
-    common = [f"motion={motion}", "evaluate_every=null"]
-    searched = folder / "searched"
-    train(searched, [*common, "iterations=1"])
+    """The actors by variant and seed."""
+    common = [f"motion={motion}", "evaluate_every=null", f"iterations={iterations}", "threads=1"]
 
     def one(key: Key) -> Path:
         run = folder / f"{key[0]}_{key[1]}"
-        run.mkdir(exist_ok=True)
-        shutil.copy(searched / FEASIBLE_FILE, run / FEASIBLE_FILE)
-        actor = train(run, [*common, *VARIANTS[key[0]], f"iterations={iterations}", f"seed={key[1]}", "threads=1"])
+        actor = train(run, [*common, *VARIANTS[key[0]], f"seed={key[1]}"])
         print(f"trained: {run}", flush=True)
         return actor
 

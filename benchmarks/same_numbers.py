@@ -1,12 +1,11 @@
 #!/usr/bin/env -S python3 -P
 """Does a change of the code leave every number as it was? Records what the commands give, and compares two records.
 
-record runs evaluate, deploy, process and 20 iterations of each preset in a worktree of its own, with fixed seeds and
-one thread, and writes all numbers to the last digit; of arrays it writes a hash each. It knows the public commands
+record runs evaluate, deploy, process and 20 iterations of each preset of PPO in a worktree of its own, with fixed seeds
+and one thread, and writes all numbers to the last digit; of arrays it writes a hash each. It knows the public commands
 only, so any commit can be recorded. Recordings are read from ../shared/data beside the repository, where that exists.
 What depends on time or on the commit's name is left out. Digits differ between processor types: record both commits
-on one machine. It takes 6 to 7 minutes of one core: 5 for evaluate and train, most of it for the feasible motions of
-default and pushes, and 1 for deploy and process. Several programs on the machine double that.
+on one machine.
 """
 
 import argparse
@@ -90,10 +89,10 @@ def process_runs(data: Path, tree: Path) -> Runs:
 
 
 def train_runs() -> Runs:
-    """20 iterations of each preset with few robots, and one evaluation."""
+    """20 iterations of each preset of PPO with few robots, and one evaluation."""
     command = ["train/run.py", "motion=side_kick", "num_envs=32", "iterations=20", "evaluate_every=20", "seed=1"]
     command += ["threads=1", "precision=fp32", "run_dir={out}"]
-    return {preset: [*command, f"train={preset}"] for preset in ("default", "pushes", "paper", "pbhc_release")}
+    return {preset: [*command, f"train={preset}"] for preset in ("last_mile", "window", "paper", "pbhc_release")}
 
 
 def runs_of_groups(data: Path, tree: Path) -> dict[str, Runs]:

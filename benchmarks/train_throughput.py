@@ -5,7 +5,7 @@ Three speeds, in environment steps (control periods of one robot) per second, me
 the machine does weighs on all alike, of which the medians count:
 
 - physics: MuJoCo's threaded rollout alone, on the models, states and inputs that the stepping met;
-- stepping: the environment with random small actions around the action prior;
+- stepping: the environment with small random actions around what an untrained actor does;
 - loop: what train/run.py does in an iteration: collect and learn.
 
 With --world-model it times rounds of the tracker's learner instead, in one process, so that each part has a time of its
@@ -20,7 +20,6 @@ from argparse import RawDescriptionHelpFormatter
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -38,7 +37,6 @@ from core.command import guarded
 from core.errors import InputError
 from core.files import check_output_file, write_json
 from core.structured import at_least
-from motion.reference import build_reference
 from robot.kinematics import Kinematics
 from train import interface
 from train.config import compose_document
@@ -49,9 +47,8 @@ from train.mdp.critic import Critic
 from train.mdp.observations import Observations
 from train.mdp.paired import PairedEnv
 from train.mdp.reward_sum import RewardSum
-from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
+from train.mdp.tracking import TrackingEnv
 from train.nan_guard import NanGuard
-from train.priors.build import prior_of
 from train.progress import TrainingProgress
 from train.runner import Runner
 from train.session import environment_of
@@ -145,8 +142,8 @@ class Stopwatch:
 class Stepping:
     """The environment without a learner, and the physics inside it alone, on equal inputs."""
 
-    def __init__(self, env: interface.Environment, prior: torch.nn.Module | None, seed: int) -> None:
-        self._env, self._prior = env, prior
+    def __init__(self, env: interface.Environment, act: interface.Policy, seed: int) -> None:
+        self._env, self._act = env, act
         self._generator = torch.Generator().manual_seed(seed)
         self._observations: Mapping[str, torch.Tensor] = env.reset()
         self._calls: list[tuple[Callable, list[Any], dict[str, Any]]] = []
@@ -175,7 +172,7 @@ class Stepping:
     def _action(self) -> torch.Tensor:
         shape = (self._env.num_envs, self._env.num_actions)
         noise = ACTION_NOISE * torch.randn(shape, generator=self._generator)
-        return noise if self._prior is None else self._prior(self._observations["actor"]) + noise
+        return self._act(self._observations["actor"]) + noise
 
     def _recorded(self, rollout: Callable) -> Callable:
         def call(*arguments: Any, **named: Any) -> Any:
@@ -221,18 +218,15 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     """Run stepping, physics and loop in turns for about ``seconds``; return the figures."""
     config = setup.config
     torch.set_num_threads(config.threads)
-    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    # What is aimed at, and how the estimate was fitted, takes no time in the loop.
-    aim = replace(config, prior=replace(config.prior, aim="reference"))
-    prior = prior_of(aim, setup.robot, reference, fit=False, progress=lambda line: None)
     env, watch = environment_of(setup), Stopwatch()
-    turns = Turns(Stepping(environment_of(setup), prior, config.seed), watch, config.learner.horizon, seconds)
+    learner, still = (build_learner(config, env, setup.robot) for _ in range(2))
+    turns = Turns(Stepping(environment_of(setup), still.actor, config.seed), watch, config.learner.horizon, seconds)
     setup.run_dir.mkdir(exist_ok=True)
     with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
         progress = TrainingProgress(setup.run_dir, console=nowhere)
         budget = Budget(iterations=None, minutes=None)
         hooks = [Reporting(progress, budget), Stopping(budget, turns.is_over)]
-        Runner(env, build_learner(config, env, prior), setup.run_dir, {}, hooks).run()
+        Runner(env, learner, setup.run_dir, {}, hooks).run()
         progress.close()
     per_turn = config.num_envs * config.learner.horizon
     loop_s = [per_turn / row["time/steps_per_s"] for row in progress.rows[1:]]
@@ -330,7 +324,9 @@ def main(arguments: list[str]) -> int:
     check_output_file("--json", options.json)
     wanted = [f"motion={options.motion}"]
     wanted += [f"num_envs={options.num_envs}"] if options.num_envs is not None else []
-    if options.world_model is not None:
+    if options.world_model is None:
+        wanted += ["train=last_mile"]
+    else:
         at_least("--world-model", options.world_model, 1)
         wanted += ["train=tracker", "threads=1", "world_model.processes=1", *BRIEF]
     with tempfile.TemporaryDirectory() as folder:

@@ -8,14 +8,10 @@ from policy.goals import POINTS
 from policy.spec import ObservationGroup, ObservationTerm
 
 PBHC_SCALES = {"base_ang_vel": 0.25, "dof_vel": 0.05}  # of every other term 1
-OLDER_TERMS = ("actions", "base_ang_vel", "dof_pos", "projected_gravity")
 
 
-def pbhc_actor_group(name: str = "actor_obs", older_lags: tuple[int, ...] = ()) -> ObservationGroup:
-    """The layout of PBHC's released actors: 380 numbers for 23 joints (paper Table 5, released config).
-
-    ``older_lags`` (beyond 4) add ``OLDER_TERMS`` of earlier ticks at the end, term by term.
-    """
+def pbhc_actor_group(name: str = "actor_obs") -> ObservationGroup:
+    """The layout of PBHC's released actors: 380 numbers for 23 joints (paper Table 5, released config)."""
 
     def at(term: str, *lags: int) -> ObservationTerm:
         return ObservationTerm(term, lags, PBHC_SCALES.get(term, 1.0))
@@ -23,8 +19,7 @@ def pbhc_actor_group(name: str = "actor_obs", older_lags: tuple[int, ...] = ()) 
     now_first = ("actions", "base_ang_vel", "dof_pos", "dof_vel")
     now_last = ("projected_gravity", "ref_motion_phase")
     history = [at(term, 1, 2, 3, 4) for term in now_first + now_last]
-    older = [at(term, *older_lags) for term in OLDER_TERMS if older_lags]
-    return ObservationGroup(name, (*(at(t, 0) for t in now_first), *history, *(at(t, 0) for t in now_last), *older))
+    return ObservationGroup(name, (*(at(t, 0) for t in now_first), *history, *(at(t, 0) for t in now_last)))
 
 
 WINDOW_TICKS = (1, 2, 3, 5, 8, 12, 17)
@@ -98,7 +93,6 @@ def window_actor_group(name: str = "actor_obs", ticks: tuple[int, ...] = WINDOW_
     return ObservationGroup(name, tuple(terms))
 
 
-# Layouts by name; that of PBHC alone has older lags.
 LAYOUTS: dict[str, Callable[..., ObservationGroup]] = {
     "pbhc": pbhc_actor_group, "window": window_actor_group, "tracker": tracker_actor_group,
     "goals": goals_actor_group,

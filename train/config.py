@@ -28,7 +28,6 @@ from train.learner.losses import check_losses
 from train.learner.precision import resolve_precision
 from train.learner.settings import LearnerSettings
 from train.mdp.settings import EnvironmentSettings
-from train.priors.module import PriorSettings
 from train.world_model.context import MOST_DELAY_S
 from train.world_model.policy import Layout
 from train.world_model.settings import WorldModelSettings
@@ -64,7 +63,7 @@ class TrainConfig:
     device: Literal["cpu", "cuda"]
     threads: int
     learner: LearnerSettings
-    prior: PriorSettings
+    prior: Literal["none", "observed"]
     environment: EnvironmentSettings
     world_model: WorldModelSettings | None = None
     teacher: str | None = None
@@ -76,9 +75,7 @@ class TrainConfig:
         return Path(str(self.motion or self.motions)).stem
 
     def __post_init__(self) -> None:
-        if self.motions is not None and self.prior.kind not in ("none", "observed"):
-            raise InputError("is made for one clip", where="prior.kind", got=self.prior.kind, expected="none, observed")
-        if self.prior.kind == "observed":
+        if self.prior == "observed":
             Layout(self.environment.actor_group(), 1)
         within("seed", self.seed, 0, MAX_SEED)
         for name in ("num_envs", "checkpoint_every", "threads"):
@@ -94,7 +91,6 @@ class TrainConfig:
             self._check_world_model(self.world_model)
         self._check_teacher()
         check_losses(self.learner.losses)
-        self.prior.check(self.environment.older_lags)
         if self.learner.exploration.kind == "antithetic":
             check_pairs(self.learner.exploration.steps, self.learner.horizon, self.num_envs)
         samples = self.num_envs * self.learner.horizon
@@ -117,7 +113,6 @@ class TrainConfig:
         Layout(self.environment.actor_group(), 1)
         for where, got, fits in (
             ("world_model", "settings", self.world_model is None),
-            ("prior.kind", self.prior.kind, self.prior.kind in ("none", "observed")),
             ("learner.exploration.kind", self.learner.exploration.kind, self.learner.exploration.kind == "gaussian"),
         ):
             if not fits:
@@ -131,7 +126,7 @@ class TrainConfig:
             raise InputError("not given", where="iterations", expected="a number: the learning rate falls over them")
         for where, kind, wanted in (
             ("learner.exploration.kind", self.learner.exploration.kind, "gaussian"),
-            ("prior.kind", self.prior.kind, "none"),
+            ("prior", self.prior, "none"),
         ):
             if kind != wanted:
                 raise InputError("not with a world model", where=where, got=kind, expected=wanted)

@@ -10,10 +10,6 @@ from torch import Tensor
 class Reduce(Protocol):
     """Joins tensors that every process has, each of the same shape."""
 
-    def sum(self, values: Tensor) -> Tensor:
-        """Element by element, over processes."""
-        ...
-
     def mean(self, values: Tensor) -> Tensor:
         """Element by element, over processes."""
         ...
@@ -25,10 +21,6 @@ class Reduce(Protocol):
 
 class Alone:
     """One process: everything is as it is."""
-
-    def sum(self, values: Tensor) -> Tensor:
-        """See :class:`Reduce`."""
-        return values
 
     def mean(self, values: Tensor) -> Tensor:
         """See :class:`Reduce`."""
@@ -42,21 +34,21 @@ class Alone:
 class Processes:
     """The processes of the default group of ``torch.distributed``."""
 
-    def sum(self, values: Tensor) -> Tensor:
-        """See :class:`Reduce`."""
-        total = values.clone()
-        torch.distributed.all_reduce(total)
-        return total
-
     def mean(self, values: Tensor) -> Tensor:
         """See :class:`Reduce`."""
-        return self.sum(values) / torch.distributed.get_world_size()
+        return _sum(values) / torch.distributed.get_world_size()
 
     def std(self, values: Tensor) -> Tensor:
         """See :class:`Reduce`."""
         count = values.numel() * torch.distributed.get_world_size()
         away = values - self.mean(values.mean())
-        return (self.sum(away.square().sum()) / (count - 1)).sqrt()
+        return (_sum(away.square().sum()) / (count - 1)).sqrt()
+
+
+def _sum(values: Tensor) -> Tensor:
+    total = values.clone()
+    torch.distributed.all_reduce(total)
+    return total
 
 
 def reduce_here() -> Reduce:

@@ -6,7 +6,6 @@ CLIPS_FOLDER = "clips"
 CONFIG_FILE = "config.yaml"
 CURVES_FILE = "curves.png"
 COMPANION_FILE = "learner.npz"  # world model, for init_from
-FEASIBLE_FILE = "feasible_motion.npz"
 METRICS_FILE = "metrics.jsonl"
 REPORT_FILE = "report.html"
 SUMMARY_FILE = "summary.json"

@@ -2,10 +2,10 @@
 """Train an actor of one motion, or one for many.
 
 train/run.py motion=NAME|FILE or motions=FOLDER|MANIFEST, [KEY=VALUE ...] [--print]; resume=RUN_DIR; replay=NAN_DUMP.
-Presets: train=default|pushes|paper|pbhc_release|window|tracker|clip|goals|maskedmimic|maskedmimic_paper; motions= alone
-means train=tracker. Keys: configs/train/config.yaml and the sections of the preset. init_from=RUN_DIR|ACTOR begins with
-another training's weights, teacher=RUN_DIR|ACTOR learns from it. --print shows each key, its value and where that is
-from, and trains nothing. Ctrl-C saves, exports and ends in good order.
+Presets: train=clip|tracker|last_mile|goals|maskedmimic|maskedmimic_paper|window|paper|pbhc_release; motion= alone means
+train=clip, motions= alone train=tracker. Keys: configs/train/config.yaml and the sections of the preset.
+init_from=RUN_DIR|ACTOR begins with another training's weights, teacher=RUN_DIR|ACTOR learns from it. --print shows each
+key, its value and where that is from, and trains nothing. Ctrl-C saves, exports and ends in good order.
 """
 
 import os

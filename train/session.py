@@ -14,7 +14,7 @@ from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import load_clip, save_clip
 from motion.envelope import TRAINED_ON, envelope_of
-from motion.reference import Reference, build_reference
+from motion.reference import Reference
 from motion.residual_wrench import demand_of, friction_needed, residual_wrench
 from motion.steering import STEERED_ON, steering_range
 from policy.observation import asks_for
@@ -24,7 +24,7 @@ from train.companion import write_companion
 from train.config import check, fingerprint, to_yaml
 from train.distil.build import build_distil_learner
 from train.export import actor_spec, export_actor
-from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, COMPANION_FILE, CONFIG_FILE, FEASIBLE_FILE, SUMMARY_FILE
+from train.folder import ACTOR_FILE, CLIP_FILE, CLIPS_FOLDER, COMPANION_FILE, CONFIG_FILE, SUMMARY_FILE
 from train.hooks import Budget, Checkpointing, EvaluationHook, Reporting, Stopping
 from train.interface import Environment
 from train.learner.build import build_learner
@@ -34,9 +34,8 @@ from train.lineage import begin_from
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.paired import PairedEnv
-from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
+from train.mdp.tracking import TrackingEnv
 from train.nan_guard import replay
-from train.priors.build import observed_targets, prior_of
 from train.progress import TIME_PREFIX, TrainingProgress, finite_or_none
 from train.report.machine import machine_facts
 from train.report.writer import TrainingReport, story
@@ -59,7 +58,9 @@ def train(setup: Setup) -> Outcome:
     report = TrainingReport(setup.run_dir, setup.document, machine_facts(config))
     begun_at = 0 if setup.state is None else setup.state["iteration"]
     progress = TrainingProgress(setup.run_dir, begun_at, refresh=report.refresh)
-    learner = _learner_of(setup, env, progress)
+    for line in told_before(setup):
+        progress.say(line)
+    learner = _learner_of(setup, env)
     evaluator = NoisyStartEvaluator(
         config.environment, setup.robot, setup.references, seed=EVALUATION_SEED, threads=config.threads
     )
@@ -95,23 +96,14 @@ def _lineage(setup: Setup, learner: Learner, progress: TrainingProgress) -> Mapp
     return {**begun, **taught} or None
 
 
-def _learner_of(setup: Setup, env: Environment, progress: TrainingProgress) -> Learner:
-    """The learner with its prior; before it is made, what the ground can give of the clip is told."""
+def _learner_of(setup: Setup, env: Environment) -> Learner:
+    """The one that the configuration asks for."""
     if setup.config.world_model is not None:
         assert isinstance(env, TrackingEnv)
         return build_world_model_learner(setup.followable, env, setup.robot)
     if setup.config.distil is not None:
         return build_distil_learner(setup.followable, setup.robot, setup.teacher_weights)
-    if setup.config.prior.kind == "observed":
-        return build_learner(setup.followable, env, *observed_targets(setup.config, setup.robot))
-    reference = build_reference(setup.clip, setup.robot, CONTROL_PERIOD_S)
-    for line in [*feasibility(setup.robot, reference), *friction_floor(setup)]:
-        progress.say(line)
-    prior = prior_of(
-        setup.followable, setup.robot, reference,
-        fit=setup.state is None, stored=setup.run_dir / FEASIBLE_FILE, progress=progress.say,
-    )  # fmt: skip
-    return build_learner(setup.followable, env, prior)
+    return build_learner(setup.followable, env, setup.robot)
 
 
 def replay_dump(path: Path) -> str:
@@ -133,6 +125,12 @@ def replay_dump(path: Path) -> str:
     if seen is None:
         return f"{recorded}; all {len(dump['actions'])} steps repeated, the environment stayed finite"
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
+
+
+def told_before(setup: Setup) -> list[str]:
+    """What is known of the clips before anything is learnt."""
+    one = [] if setup.clips else feasibility(setup.robot, setup.references[setup.config.motion_name])
+    return [*one, *friction_floor(setup)]
 
 
 def feasibility(robot: Robot, reference: Reference) -> list[str]:

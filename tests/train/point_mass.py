@@ -6,13 +6,12 @@ import numpy as np
 import torch
 
 from train.interface import StepResult
-from train.phase_basis import phase_hats
 
 DT = 0.05
 EPISODE = 40
 LAYOUT = {
     "actor": {"error": slice(0, 2), "velocity": slice(2, 4), "phase": slice(4, 7)},
-    "critic": {"actor": slice(0, 7), "position": slice(7, 9), "phase_knots": slice(9, 12)},
+    "critic": {"actor": slice(0, 7), "position": slice(7, 9), "phase": slice(9, 12)},
 }
 
 
@@ -39,7 +38,8 @@ class PointMassEnv:
         self.pos[rows], self.vel[rows] = start, torch.tensor([0.0, 3.0])
 
     def _critic(self):
-        return torch.cat([self._actor(), self.pos, phase_hats(self.tick / EPISODE, 3)], dim=1)
+        early_middle_late = (1.0 - (2.0 * self.tick[:, None] / EPISODE - torch.arange(3)).abs()).clamp(min=0.0)
+        return torch.cat([self._actor(), self.pos, early_middle_late], dim=1)
 
     def _actor(self):
         phase = 2.0 * math.pi * (self.tick / EPISODE)[:, None]

@@ -12,6 +12,7 @@ from pathlib import Path
 import torch
 
 from core.signals import StopRequest
+from robot.robot import load_robot
 from tests.train.point_mass import PointMassEnv
 from train.checkpoint import Checkpoints
 from train.config import check, compose_document
@@ -28,7 +29,7 @@ def small_config(*overrides):
 
 
 def make_learner(env, *overrides):
-    return build_learner(small_config(*overrides), env, None)
+    return build_learner(small_config(*overrides), env, load_robot())
 
 
 def make_runner(run_dir, iterations, *overrides, resume=False, env=None, checkpoint_every=5, first=(), minutes=None,

@@ -12,7 +12,7 @@ from train.config import TrainConfig, check, compose_document, fingerprint, to_y
 
 
 def config(*overrides):
-    return check(compose_document(["motion=taichi", *overrides]))
+    return check(compose_document(["motion=taichi", "train=last_mile", *overrides]))
 
 
 def rewards(*overrides):
@@ -42,7 +42,7 @@ def test_paper_preset_is_table_8_and_table_6():
         "body_rotation": 0.1, "body_velocity": 1.0, "body_angular_velocity": 15.0, "hands_head": 0.015, "feet": 0.01,
         "max_joint": 1.0,
     }  # fmt: skip
-    assert paper.prior.kind == "none" and paper.environment.observation_noise == {}
+    assert paper.prior == "none" and paper.environment.observation_noise == {}
 
 
 RELEASED = {  # name in the released file → name here
@@ -78,16 +78,13 @@ def test_release_preset_is_the_authors_file():
 
 
 def test_presets_differ_in_what_is_randomised_as_the_paper_and_the_file_do():
-    paper, release, default = (
-        config(f"train={name}").environment.randomization for name in ("paper", "pbhc_release", "default")
-    )
-    assert (paper.inertia_of, release.inertia_of, default.inertia_of) == ("ankles", "all", "all")
-    assert not paper.delay_whole_steps and release.delay_whole_steps and not default.delay_whole_steps
+    paper, release = (config(f"train={name}").environment.randomization for name in ("paper", "pbhc_release"))
+    assert (paper.inertia_of, release.inertia_of) == ("ankles", "all")
+    assert not paper.delay_whole_steps and release.delay_whole_steps
 
 
 PRESETS = [
-    "default", "pushes", "paper", "pbhc_release", "window", "tracker", "clip", "goals", "maskedmimic",
-    "maskedmimic_paper",
+    "clip", "tracker", "last_mile", "goals", "maskedmimic", "maskedmimic_paper", "window", "paper", "pbhc_release",
 ]  # fmt: skip
 
 
@@ -168,7 +165,6 @@ REFUSED = [
     ("contact_mask=maybe", "contact_mask: wrong type"),
     ("train=thesis", "Could not find 'train/thesis'"),
     ("learner.clip=0", "learner.clip: not positive"),
-    ("learner.kl_decay=0", "learner.kl_decay: too small"),
     ("learner.gamma=1.1", "learner.gamma: out of range"),
     ("learner.actor_hidden=[]", "learner.actor_hidden"),
     ("learner.actor_hidden=[64,0]", r"learner.actor_hidden\[1\]: too small"),
@@ -188,17 +184,12 @@ REFUSED = [
     ("environment.observation_noise.dof_pos=-1", "environment.observation_noise.dof_pos: too small"),
     ("environment.error_limit_m.start=-1", "environment.error_limit_m.start: too small"),
     ("environment.penalty_scale.start=9", "environment.penalty_scale.start: out of range"),
-    ("environment.older_lags=[[4,6]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[6,9],[9]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[]]", "environment.older_lags: unusable lags"),
-    ("environment.older_lags=[[6,2000]]", "environment.older_lags: unusable lags"),
     ("environment.sigma_alpha=2", "environment.sigma_alpha: out of range"),
     ("environment=null", "environment: wrong type"),
     ("environment.rewards=3", "environment.rewards: wrong type"),
     ("learner=3", "learner: wrong type"),
     ("~learner", "learner: missing key"),
-    ("prior.kind=magic", "prior.kind: unknown choice, got magic, expected one of lqr, feedforward, observed, none"),
-    ("prior.knot_ticks=0", "prior.knot_ticks: too small"),
+    ("prior=magic", "prior: unknown choice, got magic, expected one of none, observed"),
     ("nonsense", "unusable override"),
     ("=3", "unusable override"),
     ("motion=null", "motion: no motion"),
@@ -230,7 +221,7 @@ REFUSED_WITH_DISTIL = [
     (["distil.losses.kl.end=5"], "distil.losses.kl.end: before begin, got 5, expected 600 or later"),
     (["distil.student.decoder_hidden=[]"], "distil.student.decoder_hidden: unusable layers"),
     (["distil.noise=loud"], "distil.noise: unknown choice, got loud"),
-    (["environment.observations=pbhc", "prior.kind=none"], "environment.observations: missing term"),
+    (["environment.observations=pbhc", "prior=none"], "environment.observations: missing term"),
     (["learner.exploration.kind=antithetic"], "learner.exploration.kind: not with distil, got antithetic"),
 ]
 
@@ -269,12 +260,6 @@ def test_refused_in_one_line(override, message):
     with pytest.raises(InputError, match=message) as caught:
         config(override)
     assert "\n" not in str(caught.value)
-
-
-def test_earlier_ticks_need_somebody_who_looks_at_them():
-    assert config("environment.older_lags=[[6,9],[12]]").environment.older_ticks() == (6, 9, 12)
-    with pytest.raises(InputError, match=r"environment\.older_lags: nothing looks at them"):
-        config("environment.older_lags=[[6,9],[12]]", "prior.features=false")
 
 
 def test_resume_takes_a_budget_and_nothing_else():

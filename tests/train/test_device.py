@@ -29,12 +29,9 @@ class OnTheCpu:
 CHANGES = {
     "start": {
         "first_frame": 0.2, "by_failure": 0.3, "joint_noise_rad": 0.02, "tilt_noise_rad": 0.02, "velocity_noise": 0.1,
-        "recovery": {"share": 0.5, "motions": ["stand"], "velocity_m_s": 0.1},
     },
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "observation_noise": {"dof_pos": 0.01},
-    "anchor_time_s": 0.3,
-    "critic_phase_knots": True,
     "penalty_step_max": 0.2,
     "observations": "window",
     "randomization_scale": CONSTANT,
@@ -42,7 +39,7 @@ CHANGES = {
 
 
 TAUGHT = CHANGES | {
-    "observations": "goals", "teacher": "tracker", "anchor_time_s": None,
+    "observations": "goals", "teacher": "tracker",
     "goals": {
         "kinds": {"bodies": 0.5, "random": 0.5}, "redraw_per_s": 5.0, "gap_per_s": 5.0, "gap_s": [0.02, 0.1],
     },

@@ -1,6 +1,5 @@
 """The tracking environment: layout, timing, resets, curricula, resuming."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +7,8 @@ import pytest
 import torch
 
 from core.errors import InputError
-from core.rotations import quat_rotate
 from motion.feet import ground_lift_m
-from motion.library import open_motion
 from motion.metrics import empbae_mm
-from motion.reference import build_reference
 from policy.layouts import pbhc_actor_group
 from tests.train.worlds import CONSTANT, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
@@ -35,15 +31,6 @@ def test_observation_sizes_are_those_of_the_paper():
     assert (width(env.layout["actor"]), width(env.layout["critic"]), env.num_actions) == (380, 630, 23)
 
 
-def test_the_critic_may_see_the_phase_by_knots():
-    """One second: knots at 0, 0.2, ..., 1 s. After 15 ticks, 0.3 s, it is halfway between the second and the third."""
-    env = small_env(start=FIRST_FRAME, critic_phase_knots=True)
-    for _ in range(15):
-        observations = env.step(hold(env)).observations
-    assert width(env.layout["critic"]) == 630 + 6
-    assert observations["critic"][0, -6:].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.0, 0.0, 0.0], abs=1e-5)
-
-
 def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
     env = small_env(start=FIRST_FRAME)
     for _ in range(49):
@@ -56,10 +43,10 @@ def test_an_episode_ends_with_the_clip_and_is_not_a_failure():
 
 
 def test_after_the_motion_its_last_pose_is_held():
-    env = small_env(start=FIRST_FRAME, termination={"hold_s": 0.1}, critic_phase_knots=True)
+    env = small_env(start=FIRST_FRAME, termination={"hold_s": 0.1})
     results = [env.step(hold(env)) for _ in range(55)]
     assert [bool(result.timed_out.all()) for result in results] == [False] * 54 + [True]
-    assert results[52].observations["critic"][0, -6:].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    assert results[52].observations["actor"][0, env.layout["actor"]["ref_motion_phase[0]"]].tolist() == [1.0]
 
 
 def test_a_maximal_length_is_a_time_out():
@@ -158,42 +145,6 @@ def test_starts_lie_on_the_reference_with_its_velocities():
     assert not state.joint_vel_rad_s.numpy()[~moving].any()
 
 
-def test_recovery_starts_are_frames_of_other_motions_where_the_reference_stands():
-    robot = g1()
-    recovery = {"share": 0.5, "motions": ["side_kick", "taichi"], "velocity_m_s": 0.3}
-    env = small_env(num_envs=400, start={"first_frame": 1.0, "recovery": recovery})
-    state = env.simulator.state()
-    others = [build_reference(open_motion(name, robot), robot) for name in recovery["motions"]]
-    joints = np.concatenate([other.joint_pos_rad for other in others])
-    speeds = np.concatenate([other.joint_vel_rad_s for other in others])
-    velocity = np.concatenate([other.root_lin_vel_w for other in others])
-    begin = swaying_reference(robot)
-    away = np.abs(state.joint_pos_rad.numpy() - begin.joint_pos_rad[0]).max(axis=1) > 1e-5
-    assert 0.4 < away.mean() < 0.6
-    found = joints[None].astype(np.float32) - state.joint_pos_rad.numpy()[away][:, None]
-    row = np.abs(found).max(axis=2).argmin(axis=1)
-    np.testing.assert_allclose(state.joint_pos_rad.numpy()[away], joints[row], atol=1e-5)
-    assert min((row < others[0].num_ticks).sum(), (row > others[0].num_ticks).sum()) > 0.3 * len(row)
-    np.testing.assert_allclose(state.root_pos_w.numpy()[:, :2], np.zeros((400, 2)), atol=1e-6)
-    alike = np.abs(speeds[row] - state.joint_vel_rad_s.numpy()[away]).max(axis=1) < 1e-4
-    assert alike.mean() > 0.8  # where the pose rests, another tick of it may be found
-    extra = (state.root_lin_vel_w.numpy()[away] - velocity[row])[alike]
-    assert np.abs(extra[:, :2]).max() <= 0.3 + 1e-4 and extra[:, :2].std(axis=0).min() > 0.1  # uniform: 0.3/√3
-    assert np.abs(extra[:, 2]).max() < 1e-4
-    assert np.abs(state.joint_vel_rad_s.numpy()[~away]).max() < 0.01  # at rest, or where another motion begins
-    sole = [bodies_sole_height(env, robot, foot) for foot in robot.feet]
-    np.testing.assert_allclose(np.minimum(*sole), 0.0, atol=1e-5)
-
-
-def bodies_sole_height(env, robot, foot) -> np.ndarray:
-    """Height (B,) of the lowest corner of a foot's sole, by the environment's bodies at its start."""
-    index = robot.tracked_index([foot])[0]
-    pos, quat = env.state.bodies.pos_w[:, index], env.state.bodies.quat_wxyz[:, index]
-    corners = torch.tensor(robot.sole_points_m[foot].copy()).float()
-    world = torch.stack([pos + quat_rotate(quat, corner.expand(len(pos), 3)) for corner in corners])
-    return world[..., 2].amin(dim=0).numpy()
-
-
 def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     robot = g1()
     reference = swaying_reference(robot)
@@ -203,11 +154,10 @@ def test_start_states_are_lifted_until_the_lowest_sole_corner_touches():
     assert foot + sole + lift == pytest.approx(np.zeros(len(foot)), abs=1e-9)
 
 
-@pytest.mark.parametrize("older_lags", [[], [[5, 6], [8]]])
-def test_actor_observations_equal_those_of_the_robot(older_lags):
+def test_actor_observations_equal_those_of_the_robot():
     """What training feeds the network is, from the first tick on, what deployment's history gives."""
-    env = small_env(num_envs=2, start=FIRST_FRAME, older_lags=older_lags)
-    assert env.actor_group == pbhc_actor_group(older_lags=tuple(itertools.chain(*older_lags)))
+    env = small_env(num_envs=2, start=FIRST_FRAME)
+    assert env.actor_group == pbhc_actor_group()
     for trained, computed in observations_of_robots(env, 12, action_size=0.1):
         assert trained == pytest.approx(computed, abs=2e-5)
 
@@ -233,7 +183,6 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
         "observation_noise": {"dof_pos": 0.01},
         "start": {"first_frame": 0.3, "by_failure": 0.3, "joint_noise_rad": 0.02},
         "events": {"push": {"interval_s": [0.1, 0.2], "params": {"velocity_m_s": 0.2}}},
-        "anchor_time_s": 0.3,
     }
     first, second = small_env(seconds=0.4, **changes), small_env(seconds=0.4, seed=9, **changes)
     generator = torch.Generator().manual_seed(5)
@@ -318,9 +267,6 @@ def test_episode_averages_start_at_the_first_episodes():
         ({"observations": "none_such"}, "environment.observations: unknown layout"),
         ({"observations": [{"term": "dof_poss"}]}, "environment.observations.*unknown observation term"),
         ({"penalty_scale": CONSTANT | {"driver": "hope"}}, "penalty_scale.driver: unknown curriculum driver"),
-        ({"start": {"recovery": {"share": 0.5}}}, "start.recovery.motions: no motion"),
-        ({"start": {"recovery": {"share": 1.5, "motions": ["stand"]}}}, "recovery.share: out of range"),
-        ({"start": {"recovery": {"velocity_m_s": -0.1}}}, "recovery.velocity_m_s"),
     ],
 )
 def test_bad_settings_are_refused_by_name(changes, text):

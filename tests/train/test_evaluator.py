@@ -39,10 +39,6 @@ def test_who_stands_gets_to_the_end(of_who_stands):
     assert figures["score"] == sum(both) / 2 + FALL_COST * figures["randomized_falls"] / 2
 
 
-def test_errors_are_those_to_a_reference_that_stays(of_who_stands):
-    assert evaluated(still, anchor_time_s=0.1) == of_who_stands
-
-
 def test_randomised_starts_have_no_nominal_robots_among_them():
     robot, figures = g1(), []
     for share in (0.0, 1.0):

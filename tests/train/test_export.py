@@ -1,5 +1,7 @@
 """The exported file computes what the actor computes, and only then exists."""
 
+import copy
+
 import numpy as np
 import onnxruntime
 import pytest
@@ -11,25 +13,24 @@ from policy.layouts import pbhc_actor_group
 from robot.robot import load_robot
 from train import export
 from train.learner.networks import ActorNetwork, Mlp
+from train.world_model.network import Network
 
 
 class TableBase(torch.nn.Module):
     """A table over one input, interpolated, and a clipped feedback: what a model-based base consists of."""
-
-    inputs = unseen = 0
 
     def __init__(self, size, actions, generator):
         super().__init__()
         self.register_buffer("table", torch.randn(9, actions, generator=generator))
         self.register_buffer("gain", torch.randn(size, actions, generator=generator))
 
-    def look(self, obs):
+    def forward(self, obs):
         at = obs[:, -1].clamp(0.0, 1.0) * 8
         low = torch.floor(at).clamp(max=7)
         weight = (at - low)[:, None]
         index = low.long()
         reference = self.table[index] * (1 - weight) + self.table[index + 1] * weight
-        return reference + (obs.double() @ self.gain.double()).float().clamp(-0.5, 0.5), None
+        return reference + (obs.double() @ self.gain.double()).float().clamp(-0.5, 0.5)
 
 
 def make_actor(precision="fp32", base=True):
@@ -98,3 +99,12 @@ def test_a_graph_that_gives_nan_never_appears():
     actor = actor.deployed()
     with pytest.raises(export.ExportError):
         export.verify(actor, export.to_onnx(actor, "actor_obs"), "actor_obs")
+
+
+def test_a_network_in_the_middle_of_an_update_in_bf16_can_be_copied():
+    network = Network(3, 2, [8], 1, generator=torch.Generator().manual_seed(1), precision="bf16")
+    network.prepare()
+    copied = copy.deepcopy(network)
+    copied.prepare()
+    x, extras = torch.randn(4, 3), torch.randn(4, 2)
+    assert torch.equal(copied(x, copied.encode(extras)), network(x, network.encode(extras)))

@@ -24,10 +24,11 @@ OVERRIDES = [
     "learner.horizon=8",
     "learner.exploration.steps=4",
     "learner.minibatches=2",
-    "learner.actor_hidden=[32,32]",
     "learner.critic_hidden=[32,32]",
     "threads=1",
-    "prior.aim=reference",
+    "train=last_mile",
+    "init_from=tracker",
+    "learner.critic_first=2",
 ]
 
 

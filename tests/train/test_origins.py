@@ -10,14 +10,14 @@ def printed(capsys, *arguments):
 
 
 def test_every_key_names_the_last_layer_that_set_it(capsys):
-    shown = printed(capsys, "motion=stand", "train=pushes", "seed=3", "threads=1", "precision=auto")
+    shown = printed(capsys, "motion=stand", "train=last_mile", "seed=3", "threads=1", "precision=auto", "sigma=medium")
     preset = "configs/train/train/"
     assert shown["seed"] == "3    # command line"
     assert shown["value"] == "vector    # configs/train/config.yaml"
-    assert shown["learner.noise_std"] == f"0.2    # {preset}pushes.yaml"
-    assert shown["learner.gamma"] == f"0.99    # {preset}pushes.yaml"
+    assert shown["learner.noise_std"] == f"0.08    # {preset}last_mile.yaml"
+    assert shown["learner.gamma"] == f"0.99    # {preset}last_mile.yaml"
     assert shown["device"].split("    # ")[1] == "this machine"
-    assert shown["environment.rewards.max_joint.sigma"] == "0.3    # sigma=coarse"
+    assert shown["environment.rewards.max_joint.sigma"] == "0.3    # sigma=medium"
 
 
 def test_a_section_given_at_once_is_from_the_command_line_too(capsys):
@@ -30,9 +30,15 @@ def test_an_unusable_configuration_is_not_printed(capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_one_clip_alone_goes_on_from_the_bundled_tracker(capsys):
+    assert printed(capsys, "motion=stand")["init_from"] == "tracker    # configs/train/train/clip.yaml"
+    assert printed(capsys, "motion=stand", "init_from=none")["init_from"] == "null    # command line"
+
+
 def test_many_clips_alone_mean_the_tracker_and_a_preset_builds_on_another(capsys):
     shown = printed(capsys, "motions=clips", "seed=3")
     assert shown["world_model.round"] == "2    # configs/train/train/tracker.yaml"
+    assert shown["init_from"] == "null    # configs/train/config.yaml"
     shown = printed(capsys, "motions=clips", "train=window")
     assert shown["environment.observations"] == "window    # configs/train/train/window.yaml"
     shown = printed(capsys, "motions=clips", "train=goals")

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("light")
 
 RUN = Path(__file__).parents[2] / "train" / "run.py"
 SHORT = (
-    "motion=stand", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "prior.kind=none", "seed=1",
+    "motion=stand", "train=last_mile", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "seed=1",
     "threads=1",
 )  # fmt: skip
 

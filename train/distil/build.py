@@ -39,7 +39,7 @@ def _generator(seed: int, stream: str) -> torch.Generator:
 
 
 def _student(config: TrainConfig, robot: Robot, teacher: ObservationGroup) -> ConditionalVae:
-    """Around the targets that carry what is shown of the reference where ``prior.kind`` is ``observed``."""
+    """Around the targets that carry what is shown of the reference where ``prior`` is ``observed``."""
     assert config.distil is not None
     s, joints, group = config.distil.student, robot.num_joints, config.environment.actor_group()
     mlp = partial(
@@ -48,7 +48,7 @@ def _student(config: TrainConfig, robot: Robot, teacher: ObservationGroup) -> Co
     seen, goal = width(term_slices(group, joints)), goal_columns(teacher, joints)
     shown = seen - len(goal_columns(group, joints)) if s.decoder_sees == "measured" else seen
     deployed = PriorDecoder(mlp(seen, s.prior_hidden, 2 * s.latent), mlp(shown + s.latent, s.decoder_hidden, joints))
-    base = CarryingTargets(Layout(group, joints), ACTION_SCALE) if config.prior.kind == "observed" else None
+    base = CarryingTargets(Layout(group, joints), ACTION_SCALE) if config.prior == "observed" else None
     encoder = Encoder(mlp(seen + len(goal), s.encoder_hidden, 2 * s.latent), len(goal))
     return ConditionalVae(ActorNetwork(deployed, joints, _NO_NOISE, base), encoder, goal.to(config.device))
 

@@ -9,7 +9,7 @@ from core.errors import InputError
 from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.learner.networks import ActorNetwork
-from train.learner.transfer import misfits, trained_weights
+from train.learner.transfer import misfits
 from train.mdp.tracking import ACTION_SCALE
 from train.world_model.policy import BoundedResidual, CarryingTargets, Layout
 
@@ -31,7 +31,7 @@ def teacher_of(weights: Mapping[str, Tensor], robot: Robot, group: ObservationGr
     layout = Layout(group, robot.num_joints)
     residual = BoundedResidual(robot, layout, _hidden(weights), ACTION_SCALE, torch.Generator("cpu"), "fp32")
     actor = ActorNetwork(residual, robot.num_joints, _NO_NOISE, CarryingTargets(layout, ACTION_SCALE))
-    own = {name: value for name, value in trained_weights(actor).items() if name != "log_std"}
+    own = {name: value for name, value in actor.state_dict().items() if name != "log_std"}
     if lines := misfits(own, weights):
         raise _no_tracker("; ".join(lines[:3]))
     for name, value in own.items():

@@ -152,7 +152,7 @@ class ConditionalVae(nn.Module):
     def _action(self, observation: Tensor, normalized: Tensor, latent: Tensor) -> Tensor:
         added = self._deployed.decoded(normalized, latent)
         prior = self.actor.prior
-        return added if prior is None else prior.look(observation)[0] + added
+        return added if prior is None else prior(observation) + added
 
     def normalize(self, samples: Minibatch) -> None:
         """See :class:`train.distil.student.Student`."""

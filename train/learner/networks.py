@@ -2,13 +2,12 @@
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Protocol
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "silu": nn.SiLU, "relu": nn.ReLU}
 
@@ -34,7 +33,6 @@ class Mlp(nn.Module):
         generator: source of the initial weights.
         output_gain: factor on the initial output layer; small starts near zero.
         precision: ``bf16`` or ``fp32``, of the hidden layers.
-        fold: the first layer's weight (units, inputs) → the weight on what :meth:`forward` is given, if that differs.
     """
 
     def __init__(
@@ -47,10 +45,9 @@ class Mlp(nn.Module):
         generator: torch.Generator,
         output_gain: float = 1.0,
         precision: str = "fp32",
-        fold: Callable[[Tensor], Tensor] | None = None,
     ) -> None:
         super().__init__()
-        self.input_size, self._fold = inputs, fold
+        self.input_size = inputs
         sizes = [inputs, *hidden]
         layers: list[nn.Module] = []
         for size, following in pairwise(sizes):
@@ -69,36 +66,11 @@ class Mlp(nn.Module):
         """(..., inputs) → (..., outputs) float32."""
         if self.low_precision:
             with torch.autocast(x.device.type, torch.bfloat16):
-                x = self._hidden(x)
+                x = self.hidden(x)
             x = x.float()
         else:
-            x = self._hidden(x)
+            x = self.hidden(x)
         return self.output(x)
-
-    def _hidden(self, x: Tensor) -> Tensor:
-        if self._fold is None:
-            return self.hidden(x)
-        first, *others = self.hidden
-        assert isinstance(first, nn.Linear)
-        x = functional.linear(x, self._fold(first.weight), first.bias)
-        for layer in others:
-            x = layer(x)
-        return x
-
-
-class ActionPrior(Protocol):
-    """An action without trained parameters, to which the network adds a residual. A module.
-
-    ``inputs``: how many further inputs it gives to the network.
-    ``unseen``: how many of the observation's last columns are for it alone.
-    """
-
-    inputs: int
-    unseen: int
-
-    def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Action (B, J) and further inputs (B, ``inputs``), if any, of observations (B, Da)."""
-        ...
 
 
 class Residual(Protocol):
@@ -133,7 +105,7 @@ class ActorNetwork(nn.Module):
         mlp: the residual, or without a prior the whole mean.
         num_actions: J.
         noise_std: (start, lowest, highest) standard deviation.
-        prior: optional module, see :class:`ActionPrior`.
+        prior: optional module without weights: observations (B, Da) → an action (B, J), to which the residual is added.
     """
 
     def __init__(
@@ -141,25 +113,19 @@ class ActorNetwork(nn.Module):
         mlp: Residual,
         num_actions: int,
         noise_std: tuple[float, float, float],
-        prior: ActionPrior | None = None,
+        prior: nn.Module | None = None,
     ) -> None:
         super().__init__()
         self.mlp, self.prior = mlp, prior
-        inputs, unseen = (0, 0) if prior is None else (prior.inputs, prior.unseen)
-        self._seen = mlp.input_size - inputs
-        self.observation_size = self._seen + unseen
+        self.observation_size = mlp.input_size
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
         self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start), device=mlp.output.weight.device))
 
     def prepare(self, obs: Tensor) -> dict[str, Tensor]:
         """What :meth:`mean` needs of obs (B, Da), and what no training changes."""
-        seen = obs[..., : self._seen]
-        if self.prior is None:
-            return {"inputs": self.mlp.stored(seen)}
-        action, further = self.prior.look(obs)
-        inputs = seen if further is None else torch.cat([seen, further], dim=-1)
-        return {"inputs": self.mlp.stored(inputs), "prior": action}
+        inputs = {"inputs": self.mlp.stored(obs)}
+        return inputs if self.prior is None else inputs | {"prior": self.prior(obs)}
 
     def mean(self, inputs: Tensor, prior: Tensor | None = None) -> Tensor:
         """Mean action (B, J) of what :meth:`prepare` returned."""
@@ -182,38 +148,16 @@ class ActorNetwork(nn.Module):
         self.log_std.clamp_(*self._log_bounds)
 
 
-class Normalizer(Protocol):
-    """Changes what the critic sees, by what it saw. A module.
-
-    ``weight_columns``: inputs of the critic's first layer.
-    """
-
-    weight_columns: int
-
-    def __call__(self, observation: Tensor) -> Tensor:
-        """Inputs (..., m) of observations (..., n)."""
-        ...
-
-    def fold(self, weight: Tensor) -> Tensor:
-        """The first layer's weight (units, ``weight_columns``) → the weight (units, m) on these inputs."""
-        ...
-
-    def update(self, observation: Tensor) -> None:
-        """Take in observations (k, n)."""
-        ...
-
-
 class CriticNetwork(nn.Module):
     """State values (..., H), one head per group of reward columns."""
 
-    def __init__(self, mlp: Mlp, normalizer: Normalizer | None = None) -> None:
+    def __init__(self, mlp: Mlp) -> None:
         super().__init__()
-        self.mlp, self.normalizer = mlp, normalizer
-        self._remembered: list[Tensor] = []
+        self.mlp = mlp
 
     def prepare(self, obs: Tensor) -> dict[str, Tensor]:
         """What :meth:`values` needs of obs (..., Dc)."""
-        return {"inputs": self.mlp.stored(obs if self.normalizer is None else self.normalizer(obs))}
+        return {"inputs": self.mlp.stored(obs)}
 
     def values(self, inputs: Tensor) -> Tensor:
         """Values (..., H) of what :meth:`prepare` returned."""
@@ -222,17 +166,3 @@ class CriticNetwork(nn.Module):
     def forward(self, obs: Tensor) -> Tensor:
         """Values (..., H) of obs (..., Dc)."""
         return self.values(**self.prepare(obs))
-
-    def remember(self, obs: Tensor) -> None:
-        """Keep obs (B, Dc) for :meth:`normalize`."""
-        if self.normalizer is not None:
-            self._remembered.append(obs)
-
-    def normalize(self) -> None:
-        """Let the normaliser take in what was remembered; after learning, so that rollout and learner agree."""
-        if self.normalizer is not None:
-            self.normalizer.update(torch.cat(self._remembered))
-
-    def forget(self) -> None:
-        """Drop what was remembered."""
-        self._remembered = []

@@ -20,7 +20,7 @@ from train.learner.networks import ActorNetwork, CriticNetwork
 from train.learner.rates import Rates
 from train.learner.settings import LearnerSettings
 from train.learner.storage import Minibatch, Storage
-from train.learner.transfer import copy_weights, misfits, trained_weights
+from train.learner.transfer import copy_weights, misfits
 from train.nan_guard import require_finite
 
 
@@ -89,7 +89,6 @@ class Ppo:
         mean, log_std = self.actor.mean(**seen), self.actor.log_std
         actions = mean + torch.exp(log_std) * self.plugs.exploration.noise(mean, self.noise)
         critic = self.critic.prepare(given)
-        self.critic.remember(given)
         self.storage.put(
             actor=seen, critic=critic, mean=mean, actions=actions,
             log_prob=log_prob(actions, mean, log_std), values=self.critic.values(**critic),
@@ -158,18 +157,11 @@ class Ppo:
         return (returns - self.storage["values"]).var() / returns.var().clamp(min=1e-12)
 
     def _finish(self) -> None:
-        """End an iteration. What the critic sees changes now, so that rollout and learner see the same numbers."""
-        self.critic.normalize()
-        self.forget()
+        """End an iteration, and make room for the samples of the next."""
+        self.storage.step = 0
         if not self._is_actor_held:
             self.average.update(self.actor.state_dict())
-            self.rates.iterations += 1
         self.updates += 1
-
-    def forget(self) -> None:
-        """Make room for the samples of the next iteration."""
-        self.storage.step = 0
-        self.critic.forget()
 
     def _learn(self, samples: Minibatch) -> dict[str, Tensor]:
         """One optimiser step."""
@@ -207,7 +199,7 @@ class Ppo:
         """See :class:`train.learner.learner.Learner`. The critic takes another's weights where all of them fit."""
         taken, critic = [], networks.get("critic", {})
         if "actor" in networks:
-            copy_weights(trained_weights(self.actor), networks["actor"], "actor")
+            copy_weights(self.actor.state_dict(), networks["actor"], "actor")
             self.average = self._new_average()
             taken.append("actor")
         own = self.critic.state_dict()
@@ -227,7 +219,6 @@ class Ppo:
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "learning_rate": self.rates.value,
-            "iterations": self.rates.iterations,
             "updates": self.updates,
             "noise": self.noise.get_state(),
             "shuffle": self.shuffle.get_state(),
@@ -239,7 +230,6 @@ class Ppo:
         self.critic.load_state_dict(state["critic"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.rates.value, self.rates.iterations = state["learning_rate"], state["iterations"]
-        self.updates = state["updates"]
+        self.rates.value, self.updates = state["learning_rate"], state["updates"]
         self.noise.set_state(state["noise"])
         self.shuffle.set_state(state["shuffle"])

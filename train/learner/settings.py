@@ -25,7 +25,6 @@ class LearnerSettings:
         learning_rate_range: bounds of the adaptation.
         critic_learning_rate: fixed rate of the critic; None = the actor's adaptive one.
         kl_target: wanted KL divergence between the policies before and after an iteration.
-        kl_decay: iterations after which half of it is wanted, a third after twice as many and so on; None: no decay.
         kl_factor: factor by which the rate moves when KL is off by more than two.
         kl_schedule: adapt after each ``minibatch``, once per ``iteration``, or keep the rate ``fixed``.
         noise_std: exploration noise at the start.
@@ -52,7 +51,6 @@ class LearnerSettings:
     learning_rate_range: tuple[float, float] = (1e-5, 1e-2)
     critic_learning_rate: float | None = None
     kl_target: float = 0.01
-    kl_decay: int | None = None
     kl_factor: float = 1.5
     kl_schedule: Literal["minibatch", "iteration", "fixed"] = "iteration"
     noise_std: float = 0.8
@@ -76,8 +74,6 @@ class LearnerSettings:
         for name in ("gamma", "lam", "critic_lam"):
             within(f"learner.{name}", getattr(self, name), 0.0, 1.0)
         at_least("learner.kl_factor", self.kl_factor, 1.0)
-        if self.kl_decay is not None:
-            at_least("learner.kl_decay", self.kl_decay, 1)
         if self.critic_learning_rate is not None:
             positive("learner.critic_learning_rate", self.critic_learning_rate)
         for name in ("actor_hidden", "critic_hidden"):

@@ -3,15 +3,9 @@
 from collections.abc import Mapping
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from core.errors import InputError
-
-
-def trained_weights(network: nn.Module) -> dict[str, Tensor]:
-    """What training changes in a network, and what its inputs are normalised by; no copies. What a prior computed for
-    its own clip is not in it."""
-    return {name: value for name, value in network.state_dict().items() if not name.startswith("prior.")}
 
 
 def misfits(own: Mapping[str, Tensor], others: Mapping[str, Tensor]) -> list[str]:
@@ -39,7 +33,7 @@ def copy_weights(own: Mapping[str, Tensor], others: Mapping[str, Tensor], networ
         raise InputError(
             f"the {network}'s weights do not fit", where="init_from", got="; ".join(lines[:3]),
             expected="the same layers, observations and actions",
-            hint="learner.actor_hidden, prior and environment.older_lags set them",
+            hint="learner.actor_hidden and environment.observations set them",
         )  # fmt: skip
     for name, value in wanted.items():
         value.copy_(others[name])

@@ -7,7 +7,6 @@ from typing import Any
 import torch
 
 from policy.reference import ReferenceWindow
-from train.mdp.anchor import Anchor
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.failures import FailureRates
 from train.mdp.goals import Goals, visible
@@ -38,7 +37,6 @@ class Command:
         settings: how clips and start times are drawn; how long an episode lasts.
         generator: source of what each episode draws.
         dt_s: control period.
-        recovery: motions of ``settings.start.recovery``, where there are any.
     """
 
     def __init__(
@@ -48,15 +46,13 @@ class Command:
         settings: EnvironmentSettings,
         generator: torch.Generator,
         dt_s: float,
-        recovery: ReferenceTable | None = None,
     ) -> None:
         device = table.num_ticks.device
         self.names, self.table, self.num_ticks = tuple(names), table, table.num_ticks
         self._most_steps = round(settings.termination.max_episode_s / dt_s)
         self._last_tick = table.num_ticks + round(settings.termination.hold_s / dt_s)
-        self.anchor = Anchor(settings.anchor_time_s, dt_s, device)
         self.failures = FailureRates(table.num_ticks)
-        self._starts = StartSampler(settings.start, table.num_ticks, generator, recovery)
+        self._starts = StartSampler(settings.start, table.num_ticks, generator)
         self._clips = ClipSampler(settings.clips, self.names, generator, device)
         self._figures = ClipFigures(self.names, device)
         self.goals, self._dt_s = Goals(settings.goals, generator), dt_s
@@ -79,7 +75,6 @@ class Command:
         state.goal[env_ids] = self.goals.draw(len(env_ids)).to(state.goal.device)
         state.uniform_start[env_ids] = start.uniform
         state.episode_steps[env_ids] = 0
-        state.place.write(env_ids, self.anchor.at_start(len(env_ids)))
         state.target.write(env_ids, self.table.rows(start.clip, start.tick + 1))
 
     def advance(self, state: EnvState, generator: torch.Generator) -> None:
@@ -90,19 +85,14 @@ class Command:
 
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""
-        return self.anchor.moved(self.table.rows(state.clip, state.tick + 1), state.place)
+        return self.table.rows(state.clip, state.tick + 1)
 
     def window(self, state: EnvState, rows: torch.Tensor, ticks: tuple[int, ...]) -> ReferenceWindow | None:
         """The reference so many ticks ahead of the robots ``rows`` (n,); None where there are no ticks."""
         if not ticks:
             return None
         window = self.table.window(state.clip[rows], state.tick[rows], ticks)
-        window = replace(window, visible=visible(state.goal[rows]))
-        return self.anchor.window(window, state.place.rows(rows))
-
-    def phase(self, state: EnvState) -> torch.Tensor:
-        """How far in its clip each robot is (B,), 0 to 1."""
-        return (state.tick / self.num_ticks[state.clip]).clamp(max=1.0)
+        return replace(window, visible=visible(state.goal[rows]))
 
     def is_over(self, state: EnvState) -> torch.Tensor:
         """Whose episode (B,) has come to its end, or lasted as long as one may."""

@@ -90,7 +90,6 @@ def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[st
         termination=TerminationSettings(
             terms={"tilt": {"limit": 2.0}, "height": {"min_m": fall_height_m(*references)}}, max_episode_s=1e9
         ),
-        anchor_time_s=None,
         clips=ClipSettings(in_turn=True),
         teacher=None,
     )

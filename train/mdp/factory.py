@@ -1,14 +1,12 @@
 """Builds the environment from its configuration."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import torch
 
 from core.errors import InputError
 from motion.feet import ground_lift_m
-from motion.library import open_motion
-from motion.reference import Reference, build_reference
+from motion.reference import Reference
 from motion.tables import with_tables
 from policy.observation import asks_for, reference_tables
 from robot.robot import Robot
@@ -36,7 +34,7 @@ def build_environment(
     """An environment of ``num_envs`` robots on one clip, or on several by name. Same arguments, same numbers.
 
     Raises:
-        InputError: a motion of ``settings.start.recovery`` that is none; clips that do not all stand in one scene.
+        InputError: clips that do not all stand in one scene.
     """
     if isinstance(references, Reference):
         references = {"clip": references}
@@ -59,18 +57,9 @@ def build_environment(
         threads=threads,
         randomization=settings.randomization_scale.start,
     )
-    recovery = _recovery(settings, robot, scene, device) if settings.start.recovery.share > 0.0 else None
     table = _table(robot, [*references.values()], device, goals=asks_for(groups, "goal_visible"))
-    command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S, recovery)
+    command = Command([*references], table, settings, episodes, CONTROL_PERIOD_S)
     return TrackingEnv(robot, command, simulator, settings, generator, episodes, device)
-
-
-def _recovery(settings: EnvironmentSettings, robot: Robot, scene: Scene, device: Device) -> ReferenceTable:
-    """Frames of other motions, lowered to ground at height 0: see :meth:`StartSampler.state`."""
-    motions = [open_motion(name, robot) for name in settings.start.recovery.motions]
-    known = [build_reference(motion, robot, CONTROL_PERIOD_S) for motion in motions]
-    lift_m = [ground_lift_m(robot, r) - r.scene.height_at(r.root_pos_w[:, :2]) for r in known]
-    return ReferenceTable([replace(reference, scene=scene) for reference in known], lift_m, device)
 
 
 def _shared_scene(references: Mapping[str, Reference]) -> Scene:

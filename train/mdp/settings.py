@@ -1,13 +1,12 @@
 """What the environment can be told: checked at construction, before any simulation."""
 
-import itertools
 from dataclasses import dataclass, field
 
 from core.errors import InputError
 from core.structured import at_least, positive, within
 from policy.layouts import LAYOUTS
 from policy.observation import check_terms
-from policy.spec import MAX_LAG, ObservationGroup, ObservationTerm
+from policy.spec import ObservationGroup, ObservationTerm
 from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
@@ -74,25 +73,6 @@ class CurriculumSettings:
 
 
 @dataclass(frozen=True)
-class RecoverySettings:
-    """Starts from which the robot must find back: any frame of other ``motions``, moved to where the reference stands.
-
-    ``share`` of all starts are such. ``velocity_m_s``: drawn from ± this in x and y and added to the whole robot's.
-    """
-
-    share: float = 0.0
-    motions: tuple[str, ...] = ()
-    velocity_m_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        where = "environment.start.recovery"
-        within(f"{where}.share", self.share, 0.0, 1.0)
-        at_least(f"{where}.velocity_m_s", self.velocity_m_s, 0.0)
-        if self.share > 0.0 and not self.motions:
-            raise InputError("no motion", where=f"{where}.motions", expected="clips or files where share is above 0")
-
-
-@dataclass(frozen=True)
 class StartSettings:
     """Where episodes begin: shares of the first frame and of phases before failures; the rest is uniform.
 
@@ -105,7 +85,6 @@ class StartSettings:
     tilt_noise_rad: float = 0.0
     velocity_noise: float = 0.0
     first_frame_at_rest: bool = True
-    recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name in ("joint_noise_rad", "tilt_noise_rad", "velocity_noise"):
@@ -161,10 +140,6 @@ class EnvironmentSettings:
 
     ``observations``: what the actor sees: the name of a layout, or terms in order.
     ``critic``: what the critic sees, terms of :mod:`train.mdp.critic_terms` in order.
-    ``critic_phase_knots``: whether the critic sees the phase as :func:`train.phase_basis.phase_hats` too, and through
-    :class:`train.learner.normalizer.PhaseNormalizer` how far it is off what is usual there.
-    ``older_lags``: blocks of earlier ticks that the actor sees too; the network sees the mean deviation in each.
-    ``anchor_time_s``: see :class:`train.mdp.anchor.Anchor`.
     ``goals``: what of the reference robots are shown; None: all.
     ``teacher``: the layout of what a teacher sees of the same moments; None: there is none.
     """
@@ -179,10 +154,7 @@ class EnvironmentSettings:
     sigma_alpha: float = 1e-3
     adaptive_sigma: bool = True
     torque_soft_factor: float = 0.85
-    critic_phase_knots: bool = False
-    older_lags: tuple[tuple[int, ...], ...] = ()
     penalty_step_max: float | None = None
-    anchor_time_s: float | None = None
     start: StartSettings = field(default_factory=StartSettings)
     clips: ClipSettings = field(default_factory=ClipSettings)
     events: dict[str, EventTerm] = field(default_factory=dict)
@@ -208,9 +180,8 @@ class EnvironmentSettings:
             within(f"environment.randomization_scale.{name}", getattr(self.randomization_scale, name), 0.0, 1.0)
         within("environment.sigma_alpha", self.sigma_alpha, 0.0, 1.0)
         positive("environment.torque_soft_factor", self.torque_soft_factor)
-        for name in ("penalty_step_max", "anchor_time_s"):
-            if getattr(self, name) is not None:
-                positive(f"environment.{name}", getattr(self, name))
+        if self.penalty_step_max is not None:
+            positive("environment.penalty_step_max", self.penalty_step_max)
         self._check_observations()
 
     def _check_observations(self) -> None:
@@ -223,33 +194,18 @@ class EnvironmentSettings:
             CRITIC_TERMS.check(f"environment.critic.{name}", name, {})
         if not self.critic:
             raise InputError("no term", where="environment.critic", expected=CRITIC_TERMS.names)
-        rising = all(a < b for a, b in itertools.pairwise((4, *self.older_ticks(), MAX_LAG + 1)))
-        if not rising or not all(self.older_lags):
-            raise InputError(
-                "unusable lags", where="environment.older_lags", got=[list(block) for block in self.older_lags],
-                expected=f"blocks of ticks from 5 to {MAX_LAG}, rising from one to the next",
-            )  # fmt: skip
         for name in ("observations", "teacher"):
             layout = getattr(self, name)
             if isinstance(layout, str) and layout not in LAYOUTS:
                 where = f"environment.{name}"
                 raise InputError("unknown layout", where=where, got=layout, expected=", ".join(LAYOUTS))
         check_terms(self.actor_group(), "environment.observations")
-        if self.goals is not None and self.anchor_time_s is not None:
-            raise InputError(
-                "not with goals", where="environment.anchor_time_s", got=self.anchor_time_s, expected="null"
-            )
-
-    def older_ticks(self) -> tuple[int, ...]:
-        """All of ``older_lags``, in order."""
-        return tuple(itertools.chain.from_iterable(self.older_lags))
 
     def actor_group(self) -> ObservationGroup:
         """The layout of the actor's observation."""
         if not isinstance(self.observations, str):
             return ObservationGroup("actor_obs", self.observations)
-        layout = LAYOUTS[self.observations]
-        return layout(older_lags=self.older_ticks()) if self.older_lags else layout()
+        return LAYOUTS[self.observations]()
 
     def teacher_group(self) -> ObservationGroup | None:
         """The layout of the teacher's observation, where there is a teacher."""

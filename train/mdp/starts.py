@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import torch
 
 from core.rotations import quat_from_rotvec, quat_mul, quat_rotate_inverse
-from train.mdp.draws import choice, normal, rand, uniform
+from train.mdp.draws import choice, normal, rand
 from train.mdp.failures import BIN_TICKS
 from train.mdp.settings import StartSettings
-from train.mdp.tick import ReferenceRows, ReferenceTable
+from train.mdp.tick import ReferenceRows
 
 # No phase is left out.
 MIN_WEIGHT = 0.02
@@ -21,19 +21,10 @@ class StartSampler:
         settings: shares and noise.
         num_ticks: (C,) ticks of each clip.
         generator: source of randomness.
-        recovery: the motions of ``settings.recovery``, on ground at height 0; None where its share is 0. Its scene is
-            the one that robots stand in.
     """
 
-    def __init__(
-        self,
-        settings: StartSettings,
-        num_ticks: torch.Tensor,
-        generator: torch.Generator,
-        recovery: ReferenceTable | None = None,
-    ) -> None:
+    def __init__(self, settings: StartSettings, num_ticks: torch.Tensor, generator: torch.Generator) -> None:
         self._settings, self._num_ticks, self._generator = settings, num_ticks, generator
-        self._recovery = recovery
 
     def draw(self, clip: torch.Tensor, failing: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return start ticks (n,) for clips (n,), and whether each was drawn uniformly (n,).
@@ -61,34 +52,16 @@ class StartSampler:
     def state(self, rows: ReferenceRows, first_frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return qpos (n, 7+J) and qvel (n, 6+J) of the reference rows, lifted onto the ground, with start noise.
 
-        ``first_frame`` (n,) marks starts at the clip's beginning, which are at rest if the settings say so. Some of all
-        become starts of ``recovery``.
+        ``first_frame`` (n,) marks starts at the clip's beginning, which are at rest if the settings say so.
         """
         s = self._settings
         qpos, qvel = _lifted(rows)
         if s.first_frame_at_rest:
             qvel = qvel * (~first_frame).float()[:, None]
-        if self._recovery is not None:
-            away = self._rand(len(qpos), 1) < s.recovery.share
-            elsewhere = self._elsewhere(self._recovery, qpos[:, :2])
-            qpos, qvel = (torch.where(away, there, here) for there, here in zip(elsewhere, (qpos, qvel), strict=True))
         tilt = quat_from_rotvec(self._normal((len(qpos), 3), s.tilt_noise_rad))
         joint_pos = qpos[:, 7:] + self._normal(qpos[:, 7:].shape, s.joint_noise_rad)
         qpos = torch.cat([qpos[:, :3], quat_mul(tilt, qpos[:, 3:7]), joint_pos], dim=1)
         return qpos, qvel + self._normal(qvel.shape, s.velocity_noise)
-
-    def _elsewhere(self, motions: ReferenceTable, place_m: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """States of any frames of ``motions``, moved to ``place_m`` (n, 2), above all that lies under their bodies."""
-        clip = (self._rand(len(place_m)) * len(motions.num_ticks)).long()
-        tick = (self._rand(len(place_m)) * motions.num_ticks[clip]).long()
-        rows = motions.rows(clip, tick)
-        qpos, qvel = _lifted(rows)
-        bodies_m = rows.body_pos_w[..., :2] + (place_m - qpos[:, :2])[:, None]
-        qpos[:, 2] += motions.ground_m(bodies_m).amax(dim=1)
-        qpos[:, :2] = place_m
-        speed = uniform((len(place_m), 2), -1.0, 1.0, self._generator, place_m.device)
-        qvel[:, :2] += speed * self._settings.recovery.velocity_m_s
-        return qpos, qvel
 
     def _rand(self, *shape: int) -> torch.Tensor:
         return rand(shape, self._generator, self._num_ticks.device)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import torch
 
 from train.batch import Batch
-from train.mdp.anchor import Place
 from train.mdp.sensing import Senses, Sensing
 from train.mdp.tick import Bodies, ReferenceRows
 from train.simulation.simulator import PhysicsState
@@ -29,7 +28,6 @@ class EnvState(Batch):
         error_change_m: (B, 27, 3) since the step before.
         actor_history, critic_history: (B, L, W) samples of the last ticks, newest first.
         event_wait_s: (B, E) until each event.
-        place: where the references have been moved to.
         physics, bodies: the robots now.
         sensing: how their sensors are off.
         sensed_before: what exact sensors would have measured a step ago.
@@ -50,7 +48,6 @@ class EnvState(Batch):
     actor_history: torch.Tensor
     critic_history: torch.Tensor
     event_wait_s: torch.Tensor
-    place: Place
     physics: PhysicsState
     bodies: Bodies
     target: ReferenceRows

@@ -78,7 +78,7 @@ class TrackingEnv:
         self._terminations = [
             TERMINATIONS.bound(name, params) for name, params in s.termination.terms.items() if params is not None
         ]
-        self.critic = Critic(s, command, self.observations, self._physics, CONTROL_PERIOD_S)
+        self.critic = Critic(s, self.observations, self._physics)
         self.curricula = {name: Curriculum(getattr(s, name)) for name in _CURRICULA}
         self.average, self.uniform_average, self._length_ratio = EpisodeAverage(), EpisodeAverage(), LengthRatio()
         self._everyone = torch.arange(self.num_envs, device=self.device)
@@ -100,7 +100,6 @@ class TrackingEnv:
             error_change_m=torch.zeros_like(bodies.pos_w),
             **dict(zip(("actor_history", "critic_history"), self.observations.histories(envs), strict=True)),
             event_wait_s=self.events.first_waits(envs),
-            place=self.command.anchor.at_start(envs),
             physics=physics,
             bodies=bodies,
             target=self.command.table.rows(clip, tick + 1),
@@ -183,8 +182,6 @@ class TrackingEnv:
         state.position_error_m = position_error_m
         state.sensed_before = senses_of(state.physics)
         state.physics, state.bodies = t.physics, t.bodies
-        root = t.physics.root_pos_w, t.physics.root_quat_wxyz
-        state.place = self.command.anchor.followed(state.place, *root, t.reference)
         state.target = self.command.next_target(state)
         self.observations.push(state, *self._sample(self._everyone, t.reference.phase, self._generator))
 

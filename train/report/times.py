@@ -28,7 +28,7 @@ class Part:
 def time_split(rows: Sequence[Mapping[str, Any]]) -> list[Part]:
     """What the time of all rows was spent on, saving included, which the run's own clock leaves out.
 
-    Preparing is what the clock says of the first row beyond its parts: building environments and action prior.
+    Preparing is what the clock says of the first row beyond its parts: building environments and networks.
     """
     if not rows:
         return []

@@ -87,6 +87,10 @@ class Network(nn.Module):
         hidden = [pair(layer) for layer in self.hidden if isinstance(layer, nn.Linear)]
         self._weights = _Weights(pair(self.first), extra, hidden, pair(self.output))
 
+    def __getstate__(self) -> dict[str, object]:
+        """A copy reads the weights anew: those read for an update belong to its gradients."""
+        return {**self.__dict__, "_weights": None}
+
     def encode(self, extras: Tensor) -> Tensor:
         """What :meth:`forward` takes of extras (N, extras)."""
         assert self._weights is not None and self._weights.extra is not None, "prepare() comes first"

@@ -80,19 +80,17 @@ COMPARED = (
 
 
 class CarryingTargets(nn.Module):
-    """The raw action whose targets carry the reference: an :class:`train.learner.networks.ActionPrior`."""
-
-    inputs = unseen = 0
+    """The raw action whose targets carry the reference."""
 
     def __init__(self, layout: Layout, action_scale: float) -> None:
         super().__init__()
         self._reference, self._feedforward = layout.base
         self._action_scale = action_scale
 
-    def look(self, observation: Tensor) -> tuple[Tensor, None]:
+    def forward(self, observation: Tensor) -> Tensor:
         """Action (B, J) of observations (B, Da)."""
         targets = observation[..., self._reference] + observation[..., self._feedforward]
-        return targets / self._action_scale, None
+        return targets / self._action_scale
 
 
 class BoundedResidual(nn.Module):

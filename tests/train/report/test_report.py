@@ -38,7 +38,7 @@ def run_dir(tmp_path_factory):
         "num_envs=4",
         "learner.horizon=4",
         "learner.exploration.steps=2",
-        "prior.kind=none",
+        "train=last_mile",
         "threads=1",
         "precision=fp32",
     )

@@ -1,1 +1,0 @@
-"""The model-based part of the action: reference, feed-forward torque and linear feedback."""
