@@ -39,7 +39,7 @@ bench: install  ## timings of the control loop, of training and of retargeting o
 	$(RUN) benchmarks/train_throughput.py
 	$(RUN) benchmarks/retarget.py
 
-train: install  ## train the bundled taichi clip (hours; see README)
+train: install  ## train the bundled taichi clip, from the bundled tracker on
 	$(RUN) train/run.py motion=taichi
 
 # A stamp is younger than pyproject.toml once its extras are installed, so a second call does nothing.
