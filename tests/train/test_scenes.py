@@ -10,7 +10,7 @@ import torch
 from core.errors import InputError
 from hal.simulated.mujoco import MujocoBackend
 from motion.clip import load_clip, save_clip
-from motion.feet import ground_lift_m, sole_points_w
+from motion.feet import ground_lift_m
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
 from motion.tables import with_tables
@@ -120,18 +120,6 @@ def test_training_ends_an_episode_by_the_height_above_what_the_robot_stands_on(s
     env = build_environment(settings(termination=rule), g1(), raised(scene, 5.0), num_envs=2, seed=0, threads=1)
     env.reset()
     assert env.step(torch.zeros(2, 23)).terminated.tolist() == [fails, fails]
-
-
-def test_recovery_starts_stand_on_the_box_that_the_clip_stands_on():
-    """The frames of other motions come from flat ground at 0, near the origin, where there is no box."""
-    recovery = {"share": 0.5, "motions": ["taichi"], "velocity_m_s": 0.0}
-    start = {"first_frame": 1.0, "recovery": recovery}
-    env = build_environment(settings(start=start), g1(), raised(PLATFORM, 5.0), num_envs=40, seed=0, threads=1)
-    bodies = env.state.bodies
-    soles_w = sole_points_w(g1(), bodies.pos_w.numpy(), bodies.quat_wxyz.numpy())
-    np.testing.assert_allclose(soles_w[..., 2].min(axis=(1, 2)), 0.4, atol=1e-5)
-    joints = env.state.physics.joint_pos_rad.numpy() - raised(PLATFORM).joint_pos_rad[0]
-    assert 0.2 < (np.abs(joints).max(axis=1) > 0.1).mean() < 0.8  # both kinds of starts are there
 
 
 def test_an_actor_sees_heights_above_the_floor_in_training_and_on_the_robot():

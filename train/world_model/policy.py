@@ -43,10 +43,10 @@ class Layout:
         self.terms = term_order(ObservationGroup("measured", self.measured))
         self.lags = sum(not entry.mean for entry in self.measured) // len(self.terms)
         self.blocks = tuple(dict.fromkeys(entry.lags for entry in self.measured if entry.mean))
-        self._check_measured(group.name)
         self.state_size = sum(entry_width(entry, dims) for entry in (*self.measured, *self.compared))
         self.ahead_size = sum(entry_size(entry, dims) for entry in self.ahead)
         self.base = [self._present(name, dims, num_joints) for name in ("reference_joint_pos", "reference_feedforward")]
+        self._check_measured(group.name)
 
     def _check_measured(self, name: str) -> None:
         """All terms of each tick in turn, then their means over each block; blocks have no gaps."""
