@@ -9,7 +9,7 @@ from policy.actor import load_actor
 from policy.adapters.pbhc import read_config
 from policy.controller import PolicyController
 from policy.layouts import pbhc_actor_group
-from policy.observation import gather_index, term_dims
+from policy.observation import observation_layout, term_dims
 from policy.spec import MotionInfo, ObservationTerm
 from robot.robot import load_robot
 from tests.policy.toys import toy_motion, toy_robot, write_graph
@@ -176,7 +176,7 @@ def test_a_config_that_is_a_list_is_refused(tmp_path):
 def test_the_released_config_is_the_layout_of_the_design():
     spec = read_config(RELEASE / "config.yaml", ["actor_obs"], "g1_23dof")
     assert spec.observations == (pbhc_actor_group(),)
-    assert len(gather_index(spec.observations[0], term_dims(23))) == 380
+    assert observation_layout(spec.observations[0], term_dims(23)).size == 380
     robot = load_robot()
     order = robot.joint_index(spec.joint_names)
     for name in ("default_pos_rad", "kp", "kd"):

@@ -20,7 +20,7 @@ TICKS = 30
 
 def goal_columns():
     """Where what is told of the goal lies; before it lies what is measured."""
-    measured = sum(len(entry.lags) * DIMS[entry.term] for entry in GROUP.terms if not entry.ticks)
+    measured = sum(len(entry.moments) * DIMS[entry.term] for entry in GROUP.terms if not entry.ticks)
     return slice(measured, None)
 
 

@@ -22,7 +22,7 @@ from world.options import load_sim_options
 
 GROUP = goals_actor_group("obs")
 DIMS = term_dims(JOINTS)
-SIZE = sum(len(entry.lags) * entry_size(entry, DIMS) for entry in GROUP.terms)
+SIZE = sum(len(entry.moments) * entry_size(entry, DIMS) for entry in GROUP.terms)
 # Speed forward, to the left, turn, and sine of the heading away, one joint each.
 SHOWN = ("left_shoulder_pitch_joint", "left_shoulder_roll_joint", "left_shoulder_yaw_joint", "left_elbow_joint")
 SHOWS = {("goal_steer", number, joint): 0.1 for number, joint in enumerate(SHOWN)}
@@ -32,7 +32,7 @@ def column(term: str, of: str = "") -> slice:
     """Where the first use of a term, which is that of now, lies in the observation."""
     first = 0
     for entry in GROUP.terms:
-        size = len(entry.lags) * entry_size(entry, DIMS)
+        size = len(entry.moments) * entry_size(entry, DIMS)
         if (entry.term, entry.of) == (term, of):
             return slice(first, first + size)
         first += size
