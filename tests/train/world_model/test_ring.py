@@ -16,9 +16,9 @@ def step(number, robots=2, segment=0, age=None):
 
 @pytest.fixture
 def ring():
-    """Thirty steps of two robots in a ring of twenty."""
-    ring = Ring(20, 2, (1, 1, 1), "cpu")
-    for number in range(30):
+    """Ninety steps of two robots in a ring of sixty."""
+    ring = Ring(60, 2, (1, 1, 1), "cpu")
+    for number in range(90):
         ring.write(step(number))
     return ring
 
@@ -28,12 +28,12 @@ def test_windows_follow_in_time_across_the_seam_and_stay_within_what_is_remember
     states = ring.states(times, robots)[..., 0]
     assert torch.equal(states[1:] - states[:-1], torch.ones_like(states[1:]))
     # The newest first step has three after it; the oldest leaves room for history and queue.
-    assert states[0].max() == 29 - 3 and states[0].min() == 10 + MARGIN
+    assert states[0].max() == 89 - 3 and states[0].min() == 30 + MARGIN
 
 
 def test_only_the_newest_are_drawn_where_asked(ring):
     times, robots = ring.sample(500, 0, 5, torch.Generator().manual_seed(1))
-    assert sorted(set(ring.states(times[0], robots)[:, 0].tolist())) == [25.0, 26.0, 27.0, 28.0, 29.0]
+    assert sorted(set(ring.states(times[0], robots)[:, 0].tolist())) == [85.0, 86.0, 87.0, 88.0, 89.0]
 
 
 def test_a_queue_reaches_back_to_the_episodes_first_target():
@@ -47,7 +47,7 @@ def test_a_queue_reaches_back_to_the_episodes_first_target():
 
 
 def test_what_was_written_comes_back(ring):
-    other = Ring(20, 2, (1, 1, 1), "cpu")
+    other = Ring(60, 2, (1, 1, 1), "cpu")
     other.load_state_dict(ring.state_dict())
     times, robots = ring.sample(50, 2, None, torch.Generator().manual_seed(2))
     assert torch.equal(other.states(times, robots), ring.states(times, robots)) and other.next == ring.next
