@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from core.errors import InputError
-from policy.observation import entry_size, entry_width, term_dims, term_order
+from policy.observation import entry_size, entry_width, num_lags, term_dims, term_order
 from policy.spec import ObservationGroup
 from robot.robot import Robot
 from train.world_model.network import Network
@@ -62,7 +62,7 @@ class Layout:
     @property
     def past(self) -> int:
         """States before the present one that the history shows, and the one before them: sensors may be late."""
-        return 1 + max(lag for entry in self.measured for lag in entry.lags)
+        return num_lags(ObservationGroup("measured", self.measured))
 
     def _present(self, name: str, dims: dict[str, int], num_joints: int) -> slice:
         first = self.state_size
