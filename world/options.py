@@ -24,6 +24,14 @@ class SensorNoise:
         """Check ranges."""
         none_negative(self)
 
+    @property
+    def silent(self) -> bool:
+        """Whether there is none."""
+        return not (self.joint_pos_rad or self.joint_vel_rad_s or self.ang_vel_rad_s or self.gravity)
+
+
+NO_NOISE = SensorNoise(joint_pos_rad=0.0, joint_vel_rad_s=0.0, ang_vel_rad_s=0.0, gravity=0.0)
+
 
 @dataclass(frozen=True)
 class GantryOptions:

@@ -9,6 +9,7 @@ import yaml
 from core.errors import InputError
 from tests.shared_data import SHARED
 from train.config import TrainConfig, check, compose_document, fingerprint, to_yaml, with_budget
+from world.options import NO_NOISE, SensorNoise
 
 
 def config(*overrides):
@@ -42,7 +43,7 @@ def test_paper_preset_is_table_8_and_table_6():
         "body_rotation": 0.1, "body_velocity": 1.0, "body_angular_velocity": 15.0, "hands_head": 0.015, "feet": 0.01,
         "max_joint": 1.0,
     }  # fmt: skip
-    assert paper.prior == "none" and paper.environment.observation_noise == {}
+    assert paper.prior == "none" and paper.environment.sensing.noise == NO_NOISE
 
 
 RELEASED = {  # name in the released file → name here
@@ -55,7 +56,7 @@ RELEASED = {  # name in the released file → name here
     "limits_dof_pos": "joint_position_limits", "limits_dof_vel": "joint_velocity_limits",
     "limits_torque": "torque_limits", "termination": "termination", "collision": "collision",
 }  # fmt: skip
-NOISY = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel")
+NOISY = ("dof_pos", "dof_vel", "base_ang_vel", "projected_gravity")
 
 
 def test_release_preset_is_the_authors_file():
@@ -70,7 +71,7 @@ def test_release_preset_is_the_authors_file():
     assert (weights.pop("body_position_lower"), weights.pop("body_position_upper")) == (1.0, 1.0)
     assert weights == {RELEASED[name]: value for name, value in scales.items()}
     noise = released["obs"]["noise_scales"]
-    assert ours.environment.observation_noise == {name: noise[name] for name in NOISY}
+    assert ours.environment.sensing.noise == SensorNoise(*(noise[name] for name in NOISY))
     algorithm = released["algo"]["config"]
     assert ours.learner.losses["entropy"] == algorithm["entropy_coef"]
     assert ours.learner.noise_std == algorithm["init_noise_std"]
@@ -181,7 +182,7 @@ REFUSED = [
     ("environment.start.by_failure=0.95", "environment.start.by_failure: out of range"),
     ("environment.start.joint_noise_rad=-1", "environment.start.joint_noise_rad: too small"),
     ("environment.termination.max_episode_s=0", "environment.termination.max_episode_s: not positive"),
-    ("environment.observation_noise.dof_pos=-1", "environment.observation_noise.dof_pos: too small"),
+    ("environment.sensing.noise.joint_pos_rad=-1", "environment.sensing.noise.joint_pos_rad: too small"),
     ("environment.error_limit_m.start=-1", "environment.error_limit_m.start: too small"),
     ("environment.penalty_scale.start=9", "environment.penalty_scale.start: out of range"),
     ("environment.sigma_alpha=2", "environment.sigma_alpha: out of range"),

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from tests.train.worlds import CONSTANT, settings, small_env
+from tests.train.worlds import CONSTANT, NOISE, settings, small_env
 
 
 class OnTheCpu:
@@ -31,7 +31,7 @@ CHANGES = {
         "first_frame": 0.2, "by_failure": 0.3, "joint_noise_rad": 0.02, "tilt_noise_rad": 0.02, "velocity_noise": 0.1,
     },
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
-    "observation_noise": {"dof_pos": 0.01},
+    "sensing": {"noise": NOISE},
     "penalty_step_max": 0.2,
     "observations": "window",
     "randomization_scale": CONSTANT,

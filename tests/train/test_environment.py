@@ -10,7 +10,7 @@ from core.errors import InputError
 from motion.feet import ground_lift_m
 from motion.metrics import empbae_mm
 from policy.layouts import pbhc_actor_group
-from tests.train.worlds import CONSTANT, g1, observations_of_robots, settings, small_env, swaying_reference
+from tests.train.worlds import CONSTANT, NOISE, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
 from train.mdp.drivers import DriverFigures
@@ -163,13 +163,20 @@ def test_actor_observations_equal_those_of_the_robot():
 
 
 def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
-    noise = {"projected_gravity": 0.2}
-    env = small_env(num_envs=512, start=FIRST_FRAME, observation_noise=noise)
-    gravity = env.observations.actor(env.state.actor_history)[:, -4:-1] - torch.tensor([0.0, 0.0, -1.0])
-    assert 0.19 < gravity.abs().max() <= 0.2
-    assert float(gravity.std()) == pytest.approx(0.4 / np.sqrt(12), rel=0.05)
+    sensing = {"noise": NOISE | {"gravity": 0.02}}
+    env = small_env(num_envs=512, start=FIRST_FRAME, sensing=sensing)
+    default, seen = torch.tensor(g1().default_pos_rad), env.observations.actor(env.state.actor_history)
+    for values, width in (
+        (seen[:, -4:-2], 0.02),
+        (seen[:, 23:26] / 0.25, 0.3),
+        (seen[:, 26:49] + default - env.state.physics.joint_pos_rad, 0.02),
+        (seen[:, 49:72] / 0.05, 1.0),
+    ):
+        assert 0.97 * width < values.abs().max() < 1.025 * width  # a tilted vector is divided by its length
+        assert float(values.std()) == pytest.approx(2.0 * width / np.sqrt(12), rel=0.05)
+    assert (seen[:, -4:-1].norm(dim=1) - 1.0).abs().max() < 1e-6
     quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
-    env = small_env(start=FIRST_FRAME, observation_noise=noise, randomization_scale=quiet)
+    env = small_env(start=FIRST_FRAME, sensing=sensing, randomization_scale=quiet)
     assert (
         env.observations.actor(env.state.actor_history)[:, -4:-1].tolist()
         == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
@@ -180,7 +187,7 @@ def test_a_resumed_environment_continues_to_the_same_numbers():
     ranges = {"friction": [0.6, 1.1], "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]}
     changes = {
         "randomization": ranges,
-        "observation_noise": {"dof_pos": 0.01},
+        "sensing": {"noise": NOISE},
         "start": {"first_frame": 0.3, "by_failure": 0.3, "joint_noise_rad": 0.02},
         "events": {"push": {"interval_s": [0.1, 0.2], "params": {"velocity_m_s": 0.2}}},
     }
@@ -253,7 +260,7 @@ def test_episode_averages_start_at_the_first_episodes():
         ({"rewards": {"joint_position": {"weight": 1.0}}}, "needs a sigma"),
         ({"rewards": {}}, "no reward term"),
         ({"rewards": {"contact_mask": {"weight": 1.0}}}, "no tracking term"),
-        ({"observation_noise": {"dof_poss": 0.1}}, "observation_noise.dof_poss: unknown observation term"),
+        ({"sensing": {"noise": {"dof_pos": 0.1}}}, "sensing.noise"),
         ({"randomization_scale": CONSTANT | {"hard": 2.0}}, "randomization_scale.hard: out of range"),
         ({"penalty_scale": CONSTANT | {"start": 0.0, "easy": 0.0, "factor": 1e-3}}, "penalty_scale.start: not pos"),
         ({"simulation": {"substeps": 0}}, "at least 1"),

@@ -3,14 +3,14 @@
 import pytest
 import torch
 
-from tests.train.worlds import CONSTANT, small_env
+from tests.train.worlds import CONSTANT, NOISE, small_env
 from train.interface import StepResult
 from train.mdp.paired import PairedEnv
 
 STEPS = 4
 DISTURBED = {
     "randomization_scale": CONSTANT,
-    "observation_noise": {"base_ang_vel": 0.3, "dof_pos": 0.02},
+    "sensing": {"noise": NOISE},
     "events": {"push": {"interval_s": [0.02, 0.1], "params": {"velocity_m_s": 0.3}}},
     "start": {"joint_noise_rad": 0.02, "tilt_noise_rad": 0.05, "velocity_noise": 0.1},
     "randomization": {"com_xy_m": 0.05, "torque_noise": 0.05, "torque_offset": 0.05, "delay_s": [0.0, 0.04]},

@@ -16,7 +16,7 @@ from train.mdp.sensing import Senses, Sensing, SensingSettings
 
 ROBOT = load_robot()
 REFERENCE = build_reference(open_motion("side_kick", ROBOT), ROBOT)
-QUIET = "environment.observation_noise={base_ang_vel: 0.0, projected_gravity: 0.0, dof_pos: 0.0, dof_vel: 0.0}"
+QUIET = "environment.sensing.noise={joint_pos_rad: 0.0, joint_vel_rad_s: 0.0, ang_vel_rad_s: 0.0, gravity: 0.0}"
 
 
 def environment(sensing, *overrides, num_envs=6):
@@ -113,7 +113,22 @@ def test_exact_sensors_draw_nothing():
     env = environment("{encoder_offset_rad: 0.0, heading_drift_rad_s: 0.0, delay_s: [0.0, 0.0]}")
     before = env._episodes.get_state()
     env._sensors.begin(env.state, torch.arange(6), 1.0)
-    assert torch.equal(env._episodes.get_state(), before) and env._sensors.senses(env.state, torch.arange(6)) is None
+    assert env._sensors.senses(env.state, torch.arange(6), 1.0, env._episodes) is None
+    assert torch.equal(env._episodes.get_state(), before)
+
+
+def test_all_that_is_computed_of_a_measurement_has_the_same_noise():
+    """What a reference looks like from the robot tells no more than the sensors do."""
+    noise = "environment.sensing.noise={joint_pos_rad: 0.1, joint_vel_rad_s: 0.0, ang_vel_rad_s: 0.0, gravity: 0.3}"
+    env = environment("{encoder_offset_rad: 0.0, heading_drift_rad_s: 0.0, delay_s: [0.0, 0.0]}", noise)
+    seen, columns = env._observe()["actor"], env.layout["actor"]
+    joints = seen[:, columns["dof_pos[0]"]]
+    assert (joints + torch.tensor(ROBOT.default_pos_rad) - env.state.physics.joint_pos_rad).abs().max() > 0.09
+    window = env.command.window(env.state, torch.arange(6), env.observations.window_ticks)
+    wanted = window.joint_pos_rad[:, window.columns((1,))[0]] - torch.tensor(ROBOT.default_pos_rad).float()
+    assert torch.allclose(seen[:, columns["reference_joint_error[0]"]] + joints, wanted, atol=1e-6)
+    level = seen[:, columns["projected_gravity[0]"]]
+    assert level[:, :2].abs().max() > 0.2 and torch.allclose(level.norm(dim=1), torch.ones(6), atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ REWARDS = {
     "action_rate": {"weight": -0.5, "curriculum": True},
     "termination": {"weight": -200.0},
 }
+NOISE = {"joint_pos_rad": 0.02, "joint_vel_rad_s": 1.0, "ang_vel_rad_s": 0.3, "gravity": 0.2}  # Table 7, but encoders
 
 
 @cache
@@ -70,7 +71,6 @@ def swaying_reference(robot: Robot, seconds: float = 1.0) -> Reference:
 def settings(**changes: object) -> EnvironmentSettings:
     section = {
         "rewards": REWARDS,
-        "observation_noise": {},
         "error_limit_m": CONSTANT | {"start": 2.0, "easy": 2.0, "hard": 2.0},
         "penalty_scale": CONSTANT,
         "randomization_scale": CONSTANT,

@@ -95,7 +95,7 @@ def whole_clip(settings: EnvironmentSettings, *references: Reference) -> dict[st
     )
     none = CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0)
     return {
-        "nominal": replace(common, randomization_scale=none, observation_noise={}),
+        "nominal": replace(common, randomization_scale=none),
         "randomized": replace(common, randomization_scale=full),
     }
 

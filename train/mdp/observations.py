@@ -1,6 +1,5 @@
-"""What actor and teacher see: the terms of their layouts, batched, with noise and history; the critic's exact ones."""
+"""What actor and teacher see: the terms of their layouts, batched, with history; the critic's exact ones."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import torch
@@ -22,7 +21,6 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
-from train.mdp.draws import rand
 from train.mdp.sensing import Senses, senses_of
 from train.mdp.state import EnvState
 from train.simulation.simulator import PhysicsState
@@ -37,16 +35,14 @@ class Observations:
     Args:
         robot: the robot.
         group: the actor's layout.
-        noise: term name → half width of the uniform noise on the actor's samples, before scaling.
         device: where the robots are.
-        teacher: the layout of a teacher that looks at the same moments, with the same noise.
+        teacher: the layout of a teacher that looks at the same moments.
     """
 
     def __init__(
         self,
         robot: Robot,
         group: ObservationGroup,
-        noise: Mapping[str, float],
         device: Device,
         teacher: ObservationGroup | None = None,
     ) -> None:
@@ -61,8 +57,6 @@ class Observations:
         self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
         self._width = sample_width(self._terms, dims)
         sizes = [entry_size(t, dims) for t in self._terms]
-        noises = [noise.get(t.term, 0.0) * t.scale for t in self._terms]
-        self._noise = torch.cat([torch.full((n,), half, device=device) for n, half in zip(sizes, noises, strict=True)])
         looks_ahead = [torch.full((n,), bool(t.ticks), device=device) for n, t in zip(sizes, self._terms, strict=True)]
         own_terms = sample_width(term_order(group), dims)  # the first of a sample
         self._ahead = torch.cat(looks_ahead)[:own_terms].nonzero()[:, 0]
@@ -97,20 +91,16 @@ class Observations:
         last_action: torch.Tensor,
         phase: torch.Tensor,
         window: ReferenceWindow | None,
-        *,
-        noise_scale: float,
-        generator: torch.Generator,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the noisy actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
+        """Return the actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
 
         ``senses``: what the robots' sensors make of ``physics``, None where they are exact. ``window``: the reference
-        at :attr:`window_ticks`. The noise is drawn from ``generator``.
+        at :attr:`window_ticks`.
         """
         exact = self._terms_of(senses_of(physics), last_action, phase, window)
         measured = exact if senses is None else self._terms_of(senses, last_action, phase, window)
-        noise = (2.0 * rand(exact.shape, generator, self._device) - 1.0) * (self._noise * noise_scale)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
-        actor = torch.clamp(measured + noise, -self._clip, self._clip)
+        actor = torch.clamp(measured, -self._clip, self._clip)
         return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
 
     def _terms_of(

@@ -1,7 +1,4 @@
-"""What a robot's own sensors make of its state: encoders off by a constant, states that are old, a heading that drifts.
-
-White noise is not here; see :mod:`train.mdp.observations`.
-"""
+"""What a robot's own sensors make of its state: encoders off by a constant, old states, a drifting heading, noise."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,6 +10,8 @@ from core.structured import at_least, ordered, within
 from train.batch import Batch, Device
 from train.mdp.draws import uniform
 from train.simulation.simulator import PhysicsState
+from world.options import NO_NOISE, SensorNoise
+from world.sensor_noise import tilted
 
 if TYPE_CHECKING:
     from train.mdp.state import EnvState
@@ -24,12 +23,13 @@ MOST_DELAY_S = 0.02  # a control step: what is kept of the past
 class SensingSettings:
     """Drawn for each episode: ``encoder_offset_rad`` and ``heading_drift_rad_s`` are half widths, ``delay_s`` a range.
 
-    A state is at most one control step old.
+    A state is at most one control step old. ``noise`` is new at every step.
     """
 
     encoder_offset_rad: float = 0.0
     heading_drift_rad_s: float = 0.0
     delay_s: tuple[float, float] = (0.0, 0.0)
+    noise: SensorNoise = NO_NOISE
 
     def __post_init__(self) -> None:
         for name in ("encoder_offset_rad", "heading_drift_rad_s"):
@@ -38,8 +38,8 @@ class SensingSettings:
         within("environment.sensing.delay_s[1]", self.delay_s[1], 0.0, MOST_DELAY_S)
 
     @property
-    def exact(self) -> bool:
-        """Whether sensors say what is."""
+    def steady(self) -> bool:
+        """Whether nothing is drawn for an episode."""
         return not (self.encoder_offset_rad or self.heading_drift_rad_s or self.delay_s[1])
 
 
@@ -51,6 +51,22 @@ class Senses(Batch):
     root_ang_vel_b: torch.Tensor
     joint_pos_rad: torch.Tensor
     joint_vel_rad_s: torch.Tensor
+
+    def noisy(self, noise: SensorNoise, scale: float, generator: torch.Generator) -> "Senses":
+        """The same with ``scale`` times new noise; any leading dimensions."""
+        if noise.silent:
+            return self
+        joints = self.joint_pos_rad.shape[-1]
+        widths = (noise.gravity, noise.ang_vel_rad_s, noise.joint_pos_rad, noise.joint_vel_rad_s)
+        shape = (*self.joint_pos_rad.shape[:-1], 6 + 2 * joints)
+        drawn = uniform(shape, -scale, scale, generator, self.joint_pos_rad.device).split([3, 3, joints, joints], -1)
+        gravity_b, ang_vel_b, pos_rad, vel_rad_s = (width * part for width, part in zip(widths, drawn, strict=True))
+        return Senses(
+            tilted(self.root_quat_wxyz, gravity_b) if noise.gravity else self.root_quat_wxyz,
+            self.root_ang_vel_b + ang_vel_b,
+            self.joint_pos_rad + pos_rad,
+            self.joint_vel_rad_s + vel_rad_s,
+        )
 
 
 def senses_of(physics: PhysicsState) -> Senses:
@@ -127,7 +143,7 @@ class Sensors:
 
     def begin(self, state: "EnvState", env_ids: torch.Tensor, scale: float) -> None:
         """Draw those of new episodes; ``scale``: the width of the randomisation."""
-        if self._settings.exact:
+        if self._settings.steady:
             return
         like = state.sensing.rows(env_ids)
         state.sensing.write(
@@ -135,9 +151,13 @@ class Sensors:
         )
         state.sensed_before.write(env_ids, senses_of(state.physics.rows(env_ids)))
 
-    def senses(self, state: "EnvState", rows: torch.Tensor) -> Senses | None:
-        """What they make of the robots ``rows`` (n,) now; None where they are exact."""
-        if self._settings.exact:
+    def senses(self, state: "EnvState", rows: torch.Tensor, scale: float, generator: torch.Generator) -> Senses | None:
+        """What they make of the robots ``rows`` (n,) now, with ``scale`` times the noise; None where they are exact."""
+        steady, noise = self._settings.steady, self._settings.noise
+        if steady and noise.silent:
             return None
-        now, before = senses_of(state.physics.rows(rows)), state.sensed_before.rows(rows)
-        return state.sensing.rows(rows).sense(now, before, self._control_period_s * state.episode_steps[rows])
+        seen = senses_of(state.physics.rows(rows))
+        if not steady:
+            age_s = self._control_period_s * state.episode_steps[rows]
+            seen = state.sensing.rows(rows).sense(seen, state.sensed_before.rows(rows), age_s)
+        return seen.noisy(noise, scale, generator)

@@ -7,7 +7,6 @@ from core.structured import at_least, positive, within
 from policy.layouts import LAYOUTS
 from policy.observation import check_terms
 from policy.spec import ObservationGroup, ObservationTerm
-from policy.terms import TERMS as OBSERVATION_TERMS
 from train.mdp.critic_terms import CRITIC_TERMS
 from train.mdp.drivers import DRIVERS
 from train.mdp.events import EventTerm
@@ -145,7 +144,6 @@ class EnvironmentSettings:
     """
 
     rewards: dict[str, RewardTerm]
-    observation_noise: dict[str, float]
     error_limit_m: CurriculumSettings
     penalty_scale: CurriculumSettings
     randomization_scale: CurriculumSettings
@@ -185,11 +183,6 @@ class EnvironmentSettings:
         self._check_observations()
 
     def _check_observations(self) -> None:
-        for name, noise in self.observation_noise.items():
-            where = f"environment.observation_noise.{name}"
-            if name not in OBSERVATION_TERMS:
-                raise InputError("unknown observation term", where=where, expected=sorted(OBSERVATION_TERMS))
-            at_least(where, noise, 0.0)
         for name in self.critic:
             CRITIC_TERMS.check(f"environment.critic.{name}", name, {})
         if not self.critic:

@@ -67,7 +67,7 @@ class TrackingEnv:
         self._generators = [generator, episodes, simulator.generator, simulator.episodes]
         self._physics = Physics(simulator, robot, device)
         self.limits = RobotLimits.of(robot, torque_factor=s.torque_soft_factor, device=device)
-        self.observations = Observations(robot, s.actor_group(), s.observation_noise, device, s.teacher_group())
+        self.observations = Observations(robot, s.actor_group(), device, s.teacher_group())
         self._sensors = Sensors(s.sensing, CONTROL_PERIOD_S, episodes)
         self.events = Events(s.events, CONTROL_PERIOD_S, generator, device)
         self.rewards = RewardSum(
@@ -235,10 +235,10 @@ class TrackingEnv:
         self, rows: torch.Tensor, phase: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Samples of the robots ``rows`` (n,). Sensor noise grows with the randomisation."""
-        state, scale = self.state, self.simulator.randomization
+        state = self.state
         window = self.command.window(state, rows, self.observations.window_ticks)
-        seen = state.physics.rows(rows), self._sensors.senses(state, rows), state.last_action[rows], phase, window
-        return self.observations.sample(*seen, noise_scale=scale, generator=generator)
+        senses = self._sensors.senses(state, rows, self.simulator.randomization, generator)
+        return self.observations.sample(state.physics.rows(rows), senses, state.last_action[rows], phase, window)
 
     def _observe(self) -> dict[str, torch.Tensor]:
         return {

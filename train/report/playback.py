@@ -70,7 +70,6 @@ def _quiet(settings: EnvironmentSettings, reference: Reference) -> EnvironmentSe
     return replace(
         settings,
         randomization_scale=CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0),
-        observation_noise={},
         events={},
         start=StartSettings(first_frame=1.0),
         termination=TerminationSettings(

@@ -78,7 +78,7 @@ def _imagination(
     settings: WorldModelSettings, env: TrackingEnv, robot: Robot, generator: torch.Generator
 ) -> Imagination:
     return Imagination(
-        robot, env.actor_group, env.command.table, env.settings.observation_noise, settings.imagination, ACTION_SCALE,
+        robot, env.actor_group, env.command.table, env.settings.sensing.noise, settings.imagination, ACTION_SCALE,
         CONTROL_PERIOD_S, generator,
     )  # fmt: skip
 

@@ -2,17 +2,16 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from core.rotations import projected_gravity
-from policy.observation import entry_size, sample_terms, term_dims, window_ticks
+from policy.observation import sample_terms, window_ticks
 from policy.reference import ReferenceWindow
 from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
-from train.mdp.draws import normal, uniform
+from train.mdp.draws import normal
 from train.mdp.goals import visible
 from train.mdp.sensing import Senses
 from train.mdp.tick import ReferenceRows, ReferenceTable
@@ -24,6 +23,7 @@ from train.world_model.policy import BoundedResidual, Layout
 from train.world_model.settings import ImaginationSettings
 from train.world_model.starts import Start
 from train.world_model.state import Motion, reference_motion
+from world.options import SensorNoise
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Imagination:
         robot: the robot.
         group: the actor's observation.
         table: the references.
-        noise: term → half width of uniform sensor noise, before scaling.
+        noise: of the sensors.
         settings: horizon, noise on actions, when a robot is lost.
         action_scale: rad of a raw action of 1.
         control_period_s: of a step.
@@ -64,24 +64,22 @@ class Imagination:
         robot: Robot,
         group: ObservationGroup,
         table: ReferenceTable,
-        noise: dict[str, float],
+        noise: SensorNoise,
         settings: ImaginationSettings,
         action_scale: float,
         control_period_s: float,
         generator: torch.Generator,
     ) -> None:
         self._robot, self._table, self._settings, self.generator = robot, table, settings, generator
+        self._noise = noise
         layout = Layout(group, robot.num_joints)
         self._measured, self._compared, self._ahead = layout.terms, layout.compared, layout.ahead
         self._lags, self._blocks = layout.lags, layout.blocks
         self._base = [slice(part.start - layout.state_size, part.stop - layout.state_size) for part in layout.base]
         self._ticks = {terms: window_ticks([ObservationGroup("of", terms)]) for terms in (self._compared, self._ahead)}
-        dims, joints = term_dims(robot.num_joints), robot.num_joints
-        half = [np.full(entry_size(e, dims), noise.get(e.term, 0.0) * e.scale) for e in self._measured]
         self._device = device = table.num_ticks.device
-        self._noise = torch.tensor(np.concatenate(half), device=device).float()
         self._default = torch.tensor(robot.default_pos_rad, device=device).float()
-        self._action_scale, self._joints, self.horizon = action_scale, joints, settings.horizon
+        self._action_scale, self._joints, self.horizon = action_scale, robot.num_joints, settings.horizon
         self._control_period_s = control_period_s
         self._feet = robot.tracked_index(robot.feet).tolist()
         self._kp_share, self._kd_share = (
@@ -152,11 +150,12 @@ class Imagination:
         return [ReferenceWindow(ticks, **dict(zip(present, moment))) for moment in zip(*parts, strict=True)]
 
     def _sense(self, motion: Motion, before: Motion, context: Context, age: Tensor) -> Senses:
-        """What the robots' sensors make of a state, ``age`` (N,) steps into the episode."""
+        """What the robots' sensors make of a state, ``age`` (..., N) steps into the episode."""
         now, earlier = (
             Senses(m.quat_wxyz, m.ang_vel_b, m.joint_pos_rad, m.joint_vel_rad_s) for m in (motion, before)
         )  # fmt: skip
-        return context.sensing.sense(now, earlier, self._control_period_s * age)
+        seen = context.sensing.sense(now, earlier, self._control_period_s * age)
+        return seen.noisy(self._noise, 1.0, self.generator)
 
     def _seen(
         self, senses: Senses | None, last_action: Tensor | None, window: ReferenceWindow | None
@@ -174,9 +173,8 @@ class Imagination:
         )
 
     def _measure(self, senses: Senses, last_action: Tensor) -> Tensor:
-        """What a robot measures (N, ·), with noise."""
-        exact = sample_terms(self._measured, self._seen(senses, last_action, None))
-        return exact + self._noise * uniform(exact.shape, -1.0, 1.0, self.generator, exact.device)
+        """What a robot measures (N, ·)."""
+        return sample_terms(self._measured, self._seen(senses, last_action, None))
 
     def _actions(self, start: Start, context: Context) -> Tensor:
         """(L + 1, N, J) raw actions before the present moment and before each of the past ones; zero where was none."""

@@ -18,15 +18,18 @@ from train.world_model.cost import terms_of, total
 from train.world_model.state import motion_of, pack, reference_motion, unpack
 
 ROBOT = load_robot()
-SENSING = "environment.sensing={encoder_offset_rad: 0.02, heading_drift_rad_s: 0.2, delay_s: [0.0, 0.02]}"
+SENSING = [
+    "environment.sensing.encoder_offset_rad=0.02", "environment.sensing.heading_drift_rad_s=0.2",
+    "environment.sensing.delay_s=[0.0,0.02]",
+]  # fmt: skip
 OFFSET = "environment.randomization.torque_offset=0.1"
-QUIET = "environment.observation_noise={base_ang_vel: 0.0, projected_gravity: 0.0, dof_pos: 0.0, dof_vel: 0.0}"
+QUIET = "environment.sensing.noise={joint_pos_rad: 0.0, joint_vel_rad_s: 0.0, ang_vel_rad_s: 0.0, gravity: 0.0}"
 
 
 @pytest.fixture(scope="module")
 def parts():
     """Environment, learner after some steps without sensor noise, the observations, and the policy's side."""
-    env, learner = small("world_model.processes=1", QUIET, SENSING, OFFSET)
+    env, learner = small("world_model.processes=1", QUIET, *SENSING, OFFSET)
     observations, _ = iterate(env, learner, env.reset(), 13)
     learner.act(observations)  # remembers the present moment
     return env, learner, observations, learner._partner._target._learning
