@@ -166,14 +166,14 @@ def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     sensing = {"noise": NOISE | {"gravity": 0.02}}
     env = small_env(num_envs=512, start=FIRST_FRAME, sensing=sensing)
     default, seen = torch.tensor(g1().default_pos_rad), env.observations.actor(env.state.actor_history)
-    for values, width in (
+    for values, half_width in (
         (seen[:, -4:-2], 0.02),
         (seen[:, 23:26] / 0.25, 0.3),
         (seen[:, 26:49] + default - env.state.physics.joint_pos_rad, 0.02),
         (seen[:, 49:72] / 0.05, 1.0),
     ):
-        assert 0.97 * width < values.abs().max() < 1.025 * width  # a tilted vector is divided by its length
-        assert float(values.std()) == pytest.approx(2.0 * width / np.sqrt(12), rel=0.05)
+        assert 0.97 * half_width < values.abs().max() < 1.025 * half_width  # a tilted vector is divided by its length
+        assert float(values.std()) == pytest.approx(2.0 * half_width / np.sqrt(12), rel=0.05)
     assert (seen[:, -4:-1].norm(dim=1) - 1.0).abs().max() < 1e-6
     quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
     env = small_env(start=FIRST_FRAME, sensing=sensing, randomization_scale=quiet)
