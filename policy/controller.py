@@ -9,8 +9,10 @@ from types import MappingProxyType
 import numpy as np
 
 from core.errors import InputError
+from core.rotations import projected_gravity
 from policy.action import decode_action
 from policy.actor import Actor
+from policy.attitude import filtered_gravity
 from policy.goals import visible_in
 from policy.history import ObservationHistory
 from policy.observation import asks_for, sample_terms, spec_dims, window_ticks
@@ -67,6 +69,7 @@ class PolicyController:
         }
         self.window_ticks = window_ticks(spec.observations)
         follows_goals = asks_for(spec.observations, "goal_visible")
+        self._filters = asks_for(spec.observations, "filtered_gravity")
         self._points = robot.tracked_index(robot.goal_points) if follows_goals else None
         self._kp = self._robot_order(spec.kp, [joint.kp for joint in spec.held_joints])
         self._kd = self._robot_order(spec.kd, [joint.kd for joint in spec.held_joints])
@@ -80,6 +83,7 @@ class PolicyController:
         self._last_action = np.zeros(self.actor.spec.num_joints)
         self._state = self.actor.start_state()
         self._turn_rad: float | None = None
+        self._gravity_b, self._ticks = np.zeros(3), 0
 
     def act(
         self,
@@ -105,15 +109,17 @@ class PolicyController:
         the robot's at that call, not the reference's own. ``given``: commands and maps by name.
         """
         base_quat = np.asarray(base_quat_wxyz, np.float64)
+        ang_vel_b = np.asarray(base_ang_vel_b, np.float64)
         samples = self._samples(
             ObservationInput(
                 base_quat_wxyz=base_quat,
-                base_ang_vel_b=np.asarray(base_ang_vel_b, np.float64),
+                base_ang_vel_b=ang_vel_b,
                 joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
                 joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
                 last_action=self._last_action,
                 phase=np.array([phase], np.float64),
                 default_pos_rad=self.actor.spec.default_pos_rad,
+                filtered_gravity_b=self._filter(base_quat, ang_vel_b),
                 reference=self._window(base_quat, reference, tick, visible, turn_rad),
                 given=self._given(given),
             )
@@ -122,6 +128,16 @@ class PolicyController:
 
     def _samples(self, state: ObservationInput) -> dict[str, np.ndarray]:
         return {name: sample_terms(history.terms, state) for name, history in self._histories.items()}
+
+    def _filter(self, base_quat: np.ndarray, ang_vel_b: np.ndarray) -> np.ndarray | None:
+        """Direction of gravity (3,) in the base frame, with all that was measured since the last ``reset``."""
+        if not self._filters:
+            return None
+        measured, ticks = projected_gravity(base_quat), np.array(float(self._ticks))
+        period_s = self.actor.spec.control_period_s
+        self._gravity_b = filtered_gravity(self._gravity_b, measured, ang_vel_b, ticks, period_s)
+        self._ticks += 1
+        return self._gravity_b
 
     def _infer(self, samples: Mapping[str, np.ndarray], lap: Callable[[str], None]) -> PolicyOutput:
         """Observe and ask the graph."""

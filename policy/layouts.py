@@ -31,6 +31,7 @@ WINDOW_SCALES = {"reference_joint_vel": 0.05, "reference_ang_vel": 0.25}
 
 
 MEASURED = ("base_ang_vel", "projected_gravity", "dof_pos", "dof_vel", "actions")
+STEADIED = (*MEASURED, "filtered_gravity")
 TRACKER_LAGS = 5
 TRACKER_BLOCKS = (tuple(range(5, 13)), tuple(range(13, 37)))  # of older ticks, which white noise hardly reaches
 
@@ -43,12 +44,12 @@ def tracker_actor_group(name: str = "actor_obs") -> ObservationGroup:
         return ObservationTerm(term, scale=WINDOW_SCALES.get(term, 1.0), ticks=ticks)
 
     measured = [
-        ObservationTerm(term, (lag,), PBHC_SCALES.get(term, 1.0)) for lag in range(TRACKER_LAGS) for term in MEASURED
+        ObservationTerm(term, (lag,), PBHC_SCALES.get(term, 1.0)) for lag in range(TRACKER_LAGS) for term in STEADIED
     ]
     older = [
         ObservationTerm(term, block, PBHC_SCALES.get(term, 1.0), mean=True)
         for block in TRACKER_BLOCKS
-        for term in MEASURED
+        for term in STEADIED
     ]
     compared = [ahead("reference_joint_error", 1), ahead("reference_heading", 1)]
     coming = [

@@ -43,6 +43,7 @@ class ObservationInput:
     last_action: Array  # (..., J)
     phase: Array  # (..., 1) in [0, 1]
     default_pos_rad: Array  # (J,)
+    filtered_gravity_b: Array | None = None  # (..., 3) of :func:`policy.attitude.filtered_gravity`
     reference: ReferenceWindow | None = None  # what windowed terms look at
     given: Mapping[str, Array] = field(default_factory=dict)  # commands and maps (..., n) by name
 
@@ -107,6 +108,12 @@ def base_ang_vel(s: ObservationInput) -> Array:
 def projected_gravity(s: ObservationInput) -> Array:
     """Direction of gravity in the base frame (..., 3): Rᵀ(0, 0, -1)."""
     return gravity_in_body(s.base_quat_wxyz)
+
+
+@register(constant=3)
+def filtered_gravity(s: ObservationInput) -> Array:
+    """Direction of gravity in the base frame (..., 3), by gyroscope and measured gravity together."""
+    return s.filtered_gravity_b
 
 
 @register(per_joint=1)

@@ -60,6 +60,7 @@ def random_input(rng, batch=(), joints=23) -> ObservationInput:
         last_action=rng.normal(size=(*batch, joints)),
         phase=rng.uniform(size=(*batch, 1)),
         default_pos_rad=rng.normal(size=joints),
+        filtered_gravity_b=rng.normal(size=(*batch, 3)),
         reference=random_window(rng, batch, joints),
         given={"steer": rng.normal(size=(*batch, 4))},
     )
@@ -105,11 +106,13 @@ def test_terms_mean_what_they_say():
         last_action=np.array([7.0, 8.0]),
         phase=np.array([0.75]),
         default_pos_rad=np.array([0.125, 0.5]),
+        filtered_gravity_b=np.array([0.6, 0.0, -0.8]),
     )
     looks_elsewhere = {name for name, term in TERMS.items() if term.windowed or term.given}
     expected = {
         "base_ang_vel": [1.0, 2.0, 3.0],
         "projected_gravity": [1.0, 0.0, 0.0],
+        "filtered_gravity": [0.6, 0.0, -0.8],
         "dof_pos": [0.375, -0.25],
         "dof_vel": [-1.0, 4.0],
         "actions": [7.0, 8.0],

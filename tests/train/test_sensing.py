@@ -113,7 +113,9 @@ def test_exact_sensors_draw_nothing():
     env = environment("{encoder_offset_rad: 0.0, heading_drift_rad_s: 0.0, delay_s: [0.0, 0.0]}")
     before = env._episodes.get_state()
     env._sensors.begin(env.state, torch.arange(6), 1.0)
-    assert env._sensors.senses(env.state, torch.arange(6), 1.0, env._episodes) is None
+    seen = env._sensors.senses(env.state, torch.arange(6), 1.0, env._episodes)
+    for name, values in seen.tensors().items():
+        assert torch.equal(values, getattr(env.state.physics, name)), name
     assert torch.equal(env._episodes.get_state(), before)
 
 

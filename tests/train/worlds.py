@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from core.rotations import projected_gravity
 from core.structured import parse
 from motion.clip import ARRAY_FIELDS, Clip, save_clip
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
+from policy.attitude import filtered_gravity
 from policy.history import ObservationHistory
 from policy.observation import sample_terms, term_dims
 from policy.reference import ReferenceWindow
@@ -19,7 +21,7 @@ from policy.terms import ObservationInput
 from robot.robot import Robot, load_robot
 from train.mdp.factory import build_environment
 from train.mdp.settings import EnvironmentSettings
-from train.mdp.tracking import TrackingEnv
+from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 
 CONSTANT = {"start": 1.0, "easy": 1.0, "hard": 1.0, "factor": 0.0}
 REWARDS = {
@@ -99,17 +101,23 @@ def observations_of_robots(
     joints = len(default_pos_rad)
     histories = [ObservationHistory(env.actor_group, term_dims(joints)) for _ in range(env.num_envs)]
     sent = torch.zeros(env.num_envs, joints)
+    down = np.zeros((env.num_envs, 3))
     for tick in range(ticks):
         state = env.simulator.state()
         for robot, history in enumerate(histories):
+            quat, ang_vel = (part[robot].numpy().astype(float) for part in (state.root_quat_wxyz, state.root_ang_vel_b))
+            down[robot] = filtered_gravity(
+                down[robot], projected_gravity(quat), ang_vel, np.array(float(tick)), CONTROL_PERIOD_S
+            )  # fmt: skip
             now = ObservationInput(
-                base_quat_wxyz=state.root_quat_wxyz[robot].numpy().astype(float),
-                base_ang_vel_b=state.root_ang_vel_b[robot].numpy().astype(float),
+                base_quat_wxyz=quat,
+                base_ang_vel_b=ang_vel,
                 joint_pos_rad=state.joint_pos_rad[robot].numpy().astype(float),
                 joint_vel_rad_s=state.joint_vel_rad_s[robot].numpy().astype(float),
                 last_action=sent[robot].numpy().astype(float),
                 phase=np.array([tick / int(env.command.num_ticks[env.state.clip[robot]])]),
                 default_pos_rad=default_pos_rad,
+                filtered_gravity_b=down[robot],
                 reference=window(robot, tick),
             )
             trained = env.observations.actor(env.state.actor_history)[robot].numpy()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from core.rotations import quat_rotate_inverse
+from core.rotations import projected_gravity, quat_rotate_inverse
 from policy.observation import (
     entry_size,
     num_lags,
@@ -87,24 +87,31 @@ class Observations:
     def sample(
         self,
         physics: PhysicsState,
-        senses: Senses | None,
+        senses: Senses,
+        gravity_b: torch.Tensor,
         last_action: torch.Tensor,
         phase: torch.Tensor,
         window: ReferenceWindow | None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the actor sample (n, W) and the exact critic sample (n, V+3) of n environments.
 
-        ``senses``: what the robots' sensors make of ``physics``, None where they are exact. ``window``: the reference
-        at :attr:`window_ticks`.
+        ``senses``: what the robots' sensors make of ``physics``. ``gravity_b``: what their filters make of that.
+        ``window``: the reference at :attr:`window_ticks`.
         """
-        exact = self._terms_of(senses_of(physics), last_action, phase, window)
-        measured = exact if senses is None else self._terms_of(senses, last_action, phase, window)
+        truth = senses_of(physics)
+        exact = self._terms_of(truth, projected_gravity(truth.root_quat_wxyz), last_action, phase, window)
+        measured = self._terms_of(senses, gravity_b, last_action, phase, window)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
         actor = torch.clamp(measured, -self._clip, self._clip)
         return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
 
     def _terms_of(
-        self, senses: Senses, last_action: torch.Tensor, phase: torch.Tensor, window: ReferenceWindow | None
+        self,
+        senses: Senses,
+        gravity_b: torch.Tensor,
+        last_action: torch.Tensor,
+        phase: torch.Tensor,
+        window: ReferenceWindow | None,
     ) -> torch.Tensor:
         terms = ObservationInput(
             base_quat_wxyz=senses.root_quat_wxyz,
@@ -114,6 +121,7 @@ class Observations:
             last_action=last_action,
             phase=phase[:, None] if phase.dim() == 1 else phase,
             default_pos_rad=self._default,
+            filtered_gravity_b=gravity_b,
             reference=window,
         )
         return sample_terms(self._terms, terms).float()

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from core.rotations import quat_align_sign, quat_from_rotvec, quat_mul
+from core.rotations import projected_gravity, quat_align_sign, quat_from_rotvec, quat_mul
 from core.structured import at_least, ordered, within
+from policy.attitude import filtered_gravity
 from train.batch import Batch, Device
 from train.mdp.draws import uniform
 from train.simulation.simulator import PhysicsState
@@ -67,6 +68,11 @@ class Senses(Batch):
             self.joint_pos_rad + pos_rad,
             self.joint_vel_rad_s + vel_rad_s,
         )
+
+    def filtered(self, before: torch.Tensor, ticks: torch.Tensor, control_period_s: float) -> torch.Tensor:
+        """Direction of gravity (B, 3) as the robots' filters have it; see :func:`policy.attitude.filtered_gravity`."""
+        gravity_b = projected_gravity(self.root_quat_wxyz)
+        return filtered_gravity(before, gravity_b, self.root_ang_vel_b, ticks, control_period_s)
 
 
 def senses_of(physics: PhysicsState) -> Senses:
@@ -151,13 +157,10 @@ class Sensors:
         )
         state.sensed_before.write(env_ids, senses_of(state.physics.rows(env_ids)))
 
-    def senses(self, state: "EnvState", rows: torch.Tensor, scale: float, generator: torch.Generator) -> Senses | None:
-        """What they make of the robots ``rows`` (n,) now, with ``scale`` times the noise; None where they are exact."""
-        steady, noise = self._settings.steady, self._settings.noise
-        if steady and noise.silent:
-            return None
+    def senses(self, state: "EnvState", rows: torch.Tensor, scale: float, generator: torch.Generator) -> Senses:
+        """What they make of the robots ``rows`` (n,) now, with ``scale`` times the noise."""
         seen = senses_of(state.physics.rows(rows))
-        if not steady:
+        if not self._settings.steady:
             age_s = self._control_period_s * state.episode_steps[rows]
             seen = state.sensing.rows(rows).sense(seen, state.sensed_before.rows(rows), age_s)
-        return seen.noisy(noise, scale, generator)
+        return seen.noisy(self._settings.noise, scale, generator)

@@ -29,6 +29,7 @@ class EnvState(Batch):
         actor_history, critic_history: (B, L, W) samples of the last ticks, newest first.
         event_wait_s: (B, E) until each event.
         physics, bodies: the robots now.
+        gravity_b: (B, 3) direction of gravity as the robots' filters have it.
         sensing: how their sensors are off.
         sensed_before: what exact sensors would have measured a step ago.
         target: what the next step is compared with.
@@ -48,6 +49,7 @@ class EnvState(Batch):
     actor_history: torch.Tensor
     critic_history: torch.Tensor
     event_wait_s: torch.Tensor
+    gravity_b: torch.Tensor
     physics: PhysicsState
     bodies: Bodies
     target: ReferenceRows

@@ -100,6 +100,7 @@ class TrackingEnv:
             error_change_m=torch.zeros_like(bodies.pos_w),
             **dict(zip(("actor_history", "critic_history"), self.observations.histories(envs), strict=True)),
             event_wait_s=self.events.first_waits(envs),
+            gravity_b=torch.zeros(envs, 3, device=device),
             physics=physics,
             bodies=bodies,
             target=self.command.table.rows(clip, tick + 1),
@@ -238,7 +239,9 @@ class TrackingEnv:
         state = self.state
         window = self.command.window(state, rows, self.observations.window_ticks)
         senses = self._sensors.senses(state, rows, self.simulator.randomization, generator)
-        return self.observations.sample(state.physics.rows(rows), senses, state.last_action[rows], phase, window)
+        state.gravity_b[rows] = senses.filtered(state.gravity_b[rows], state.episode_steps[rows], CONTROL_PERIOD_S)
+        given = senses, state.gravity_b[rows], state.last_action[rows], phase, window
+        return self.observations.sample(state.physics.rows(rows), *given)
 
     def _observe(self) -> dict[str, torch.Tensor]:
         return {

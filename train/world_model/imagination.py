@@ -97,15 +97,18 @@ class Imagination:
         noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros((), device=on)] * steps
         context = context_of(start.context, self._joints)
         encoded, offset = model.encode(context), context.sensing.encoder_offset_rad
-        motion, history, last_action = start.motion, self._history(start, context), self._actions(start, context)[0]
-        earlier = _before(start)
+        motion, earlier, last_action = start.motion, _before(start), self._actions(start, context)[0]
+        history, gravity_b = self._past(start, context)
         before: tuple[Tensor, Tensor] | None = None
         befores, states, wishes, targets = [], [], [], []
         for k in range(steps):
             senses = self._sense(motion, earlier, context, start.age + k)
-            measured = history.push(self._measure(senses, last_action))
-            compared = sample_terms(self._compared, self._seen(senses, last_action, compared_with[k]))
-            wish = policy.wish(torch.cat([*measured, compared], dim=1), encoded_ahead[k])
+            gravity_b = senses.filtered(gravity_b, self._filtered(start) + k, self._control_period_s)
+            seen = self._seen(senses, gravity_b, last_action, compared_with[k])
+            state = torch.cat(
+                [*history.push(sample_terms(self._measured, seen)), sample_terms(self._compared, seen)], 1
+            )
+            wish = policy.wish(state, encoded_ahead[k])
             last_action = carrying[k] + policy.added(wish) + noise[k]
             target = self._default + self._action_scale * last_action - offset
             before = before or self._queue(start, target)
@@ -127,16 +130,18 @@ class Imagination:
         window = self._windows(clip, tick, start.goal, self._ticks[self._compared])[0]
         context = context_of(start.context, self._joints)
         last_action = self._actions(start, context)[0]
+        history, gravity_b = self._past(start, context)
         senses = self._sense(start.motion, _before(start), context, start.age)
-        measured = self._history(start, context).push(self._measure(senses, last_action))
-        compared = sample_terms(self._compared, self._seen(senses, last_action, window))
+        gravity_b = senses.filtered(gravity_b, self._filtered(start), self._control_period_s)
+        seen = self._seen(senses, gravity_b, last_action, window)
+        state = torch.cat([*history.push(sample_terms(self._measured, seen)), sample_terms(self._compared, seen)], 1)
         reference = reference_motion(self._table.rows(start.clip, start.tick))
-        return torch.cat([*measured, compared], dim=1), ahead, start.motion, reference, context
+        return state, ahead, start.motion, reference, context
 
     def _look_ahead(self, clip: Tensor, tick: Tensor, goal: Tensor) -> Tensor:
         """The terms of the reference alone (H + 1, B, A)."""
         window = self._window(clip, tick, goal, self._ticks[self._ahead])
-        return sample_terms(self._ahead, self._seen(None, None, window)).unflatten(0, clip.shape)
+        return sample_terms(self._ahead, self._seen(None, None, None, window)).unflatten(0, clip.shape)
 
     def _window(self, clip: Tensor, tick: Tensor, goal: Tensor, ticks: tuple[int, ...]) -> ReferenceWindow:
         """Of all H + 1 moments of B robots, one after the other; the goal (B,) stays as it is."""
@@ -157,8 +162,16 @@ class Imagination:
         seen = context.sensing.sense(now, earlier, self._control_period_s * age)
         return seen.noisy(self._noise, 1.0, self.generator)
 
+    def _filtered(self, start: Start) -> Tensor:
+        """(N,) past ticks that the filters have seen at the start: not what is older than the start knows of."""
+        return start.age.clamp(max=len(start.past.pos_w) - 1)
+
     def _seen(
-        self, senses: Senses | None, last_action: Tensor | None, window: ReferenceWindow | None
+        self,
+        senses: Senses | None,
+        gravity_b: Tensor | None,
+        last_action: Tensor | None,
+        window: ReferenceWindow | None,
     ) -> ObservationInput:
         """What terms look at."""
         return ObservationInput(
@@ -169,12 +182,9 @@ class Imagination:
             last_action=last_action,
             phase=None,
             default_pos_rad=self._default,
+            filtered_gravity_b=gravity_b,
             reference=window,
         )
-
-    def _measure(self, senses: Senses, last_action: Tensor) -> Tensor:
-        """What a robot measures (N, ·)."""
-        return sample_terms(self._measured, self._seen(senses, last_action, None))
 
     def _actions(self, start: Start, context: Context) -> Tensor:
         """(L + 1, N, J) raw actions before the present moment and before each of the past ones; zero where was none."""
@@ -185,14 +195,21 @@ class Imagination:
         """(number, N, 1) whether the episode had begun by each past moment, newest first."""
         return (start.age > torch.arange(number, device=self._device)[:, None])[..., None]
 
-    def _history(self, start: Start, context: Context) -> History:
-        """What was measured at past moments; zero where there was none."""
+    def _past(self, start: Start, context: Context) -> tuple[History, Tensor]:
+        """What was measured at past moments, zero where there was none; what filters made of it last (N, 3)."""
         motion, before = (Motion(*(part[rows] for part in start.past)) for rows in (slice(-1), slice(1, None)))
         number = len(motion.pos_w)
         ages = start.age - 1 - torch.arange(number, device=self._device)[:, None]
         senses = self._sense(motion, before, context, ages)
-        measured = self._measure(senses, self._actions(start, context)[1 : number + 1])
-        return History(torch.where(self._known(start, number), measured, 0.0).unbind(0), self._lags, self._blocks)
+        gravity_b = [torch.zeros_like(start.motion.ang_vel_b)]
+        for back in reversed(range(number)):
+            then = Senses(*(part[back] for part in senses.tensors().values()))
+            ticks = (self._filtered(start) - 1 - back).clamp(min=0)
+            gravity_b.append(then.filtered(gravity_b[-1], ticks, self._control_period_s))
+        actions = self._actions(start, context)[1 : number + 1]
+        seen = self._seen(senses, torch.stack(gravity_b[:0:-1]), actions, None)
+        measured = torch.where(self._known(start, number), sample_terms(self._measured, seen), 0.0)
+        return History(measured.unbind(0), self._lags, self._blocks), gravity_b[-1]
 
     def _queue(self, start: Start, first: Tensor) -> tuple[Tensor, Tensor]:
         """The two targets before the ``first``, with which a new episode's queue is filled."""
