@@ -56,7 +56,7 @@ def test_an_interrupted_run_goes_on_to_the_same_numbers(runs):
 
 def test_and_to_the_same_actor(runs):
     graphs = [onnxruntime.InferenceSession(run / "actor.onnx") for run in runs]
-    seen = np.random.default_rng(0).normal(size=(4, 975)).astype(np.float32)
+    seen = np.random.default_rng(0).normal(size=(4, 996)).astype(np.float32)
     first, second = (graph.run(["action"], {"actor_obs": seen})[0] for graph in graphs)
     assert np.array_equal(first, second) and np.abs(first).max() > 0.0
 

@@ -14,7 +14,8 @@ from train.world_model.state import Motion, unpack
 @pytest.fixture(scope="module")
 def parts():
     """Environment, the policy's learning and the comparison after some rounds."""
-    env, learner = small("world_model.processes=1", "environment.termination.max_episode_s=1.0")
+    pushed = "environment.events.push={interval_s: [0.5, 1.0], params: {velocity_m_s: 0.6}}"  # so that some are lost
+    env, learner = small("world_model.processes=1", "environment.termination.max_episode_s=1.0", pushed)
     iterate(env, learner, env.reset(), 40)
     side = learner._partner._target
     side._ring.next, side._ring.count = learner.ring.next, learner.ring.count
