@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,13 +17,18 @@ BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "ablations.py"
 def benchmark():
     spec = importlib.util.spec_from_file_location("ablations", BENCHMARK)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses look for their module
     spec.loader.exec_module(module)
     return module
 
 
 @pytest.fixture
 def configured(benchmark):
-    return lambda name: check(compose_document(["motion=stand", *benchmark.PRESET, *benchmark.VARIANTS[name]]))
+    def of(name, family="pbhc"):
+        one = benchmark.FAMILIES[family]
+        return check(compose_document(["motion=stand", *one.common, *one.variants[name]]))
+
+    return of
 
 
 def test_each_variant_changes_what_its_name_says_and_nothing_else(configured):
@@ -44,6 +50,25 @@ def test_each_variant_changes_what_its_name_says_and_nothing_else(configured):
     assert scalar.value == "scalar" and scalar.environment == whole.environment
 
 
+@pytest.mark.parametrize(
+    ("variant", "place", "value"),
+    [
+        ("horizon_16", "imagination.horizon", 16),
+        ("horizon_48", "imagination.horizon", 48),
+        ("no_critic", "critic.counts_from", None),
+        ("no_average", "policy.average", 0.0),
+        ("no_reference_starts", "starts.reference_share", 0.0),
+        ("no_action_noise", "imagination.noise_rad", 0.0),
+    ],
+)
+def test_variants_of_the_world_model_differ_in_one_value(configured, variant, place, value):
+    whole, other = configured("default", "world_model"), configured(variant, "world_model")
+    section, key = place.split(".")
+    changed = replace(getattr(whole.world_model, section), **{key: value})
+    assert other == replace(whole, world_model=replace(whole.world_model, **{section: changed}))
+    assert other != whole
+
+
 def test_what_is_trained_is_kept(benchmark, tmp_path, monkeypatch):
     commands = []
 
@@ -54,13 +79,14 @@ def test_what_is_trained_is_kept(benchmark, tmp_path, monkeypatch):
         (run / "summary.json").write_text("{}")
 
     monkeypatch.setattr(benchmark.subprocess, "run", pretend)
-    actors = benchmark.train_all(["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
+    family = benchmark.FAMILIES["pbhc"]
+    actors = benchmark.train_all(family, ["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
     assert actors == {
         (name, seed): tmp_path / f"{name}_{seed}" / "actor.onnx" for name in ("adaptive", "coarse") for seed in (1, 2)
     }
     assert sorted(name for name, _ in commands) == ["adaptive_1", "adaptive_2", "coarse_1", "coarse_2"]
     assert all("iterations=7" in command for _, command in commands)
-    benchmark.train_all(["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
+    benchmark.train_all(family, ["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
     assert len(commands) == 4
 
 
@@ -74,14 +100,19 @@ def test_a_cell_holds_a_figure_a_seed(benchmark):
 
 def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(tmp_path):
     result = _run("--motion", "no_such", "--iterations", "7", "--folder", tmp_path / "out")
-    assert result.returncode == 1 and f"{tmp_path}/out/no_such_7/*.log" in result.stderr
-    assert "no_such" in (tmp_path / "out" / "no_such_7" / "adaptive_1.log").read_text()
+    assert result.returncode == 1 and f"{tmp_path}/out/pbhc_no_such_7/*.log" in result.stderr
+    assert "no_such" in (tmp_path / "out" / "pbhc_no_such_7" / "adaptive_1.log").read_text()
 
 
 def test_a_folder_that_cannot_be_is_exit_2_and_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     result = _run("--folder", tmp_path / "file")
     assert result.returncode == 2 and f"{tmp_path}/file" in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_a_variant_of_another_family_is_refused():
+    result = _run("--family", "world_model", "--variants", "coarse")
+    assert result.returncode == 2 and "no coarse in world_model, which has default, horizon_16" in result.stderr
 
 
 def _run(*options):
