@@ -76,11 +76,13 @@ class ActorRun:
     def obstacle(self, state: RobotState) -> str | None:
         """Why this actor may not take over from this state, or None where it may."""
         entry = self._entry
-        distance = np.abs(state.joint_pos_rad - self.start_pose_rad)
-        joint = int(np.argmax(distance))
-        if not distance[joint] <= entry.joint_rad:
-            name = self._joint_names[joint]
-            return f"{name} is {distance[joint]:.2f} rad from the start pose of {self.name}, limit {entry.joint_rad}"
+        distance, speed = np.abs(state.joint_pos_rad - self.start_pose_rad), np.abs(state.joint_vel_rad_s)
+        far, fast = int(np.argmax(distance)), int(np.argmax(speed))
+        if not distance[far] <= entry.joint_rad:
+            name = self._joint_names[far]
+            return f"{name} is {distance[far]:.2f} rad from the start pose of {self.name}, limit {entry.joint_rad}"
+        if not speed[fast] < entry.joint_vel_rad_s:
+            return f"{self._joint_names[fast]} moves at {speed[fast]:.2f} rad/s, limit {entry.joint_vel_rad_s}"
         return unsteady(state, entry)
 
 

@@ -24,6 +24,7 @@ class EntrySettings(Checked):
     """An actor may take over inside these conditions."""
 
     joint_rad: float
+    joint_vel_rad_s: float
     tilt_rad: float
     ang_vel_rad_s: float
 

@@ -120,9 +120,10 @@ class EmulatedMotor:
         measured, joint = self._robot.joints(), self.joint
         vel_rad_s, torque_nm = measured.vel_rad_s[joint.index], measured.torque_nm[joint.index]
         heat = self._faults.value("over_temperature", *self.keys)
+        wrong_rad, wrong_rad_s = self._off("wrong_position"), self._off("wrong_speed")
         state = MotorState(
-            self._raw_rad(measured) + self._shift_rad + self._lost_rad(),
-            joint.direction * vel_rad_s * joint.gear,
+            self._raw_rad(measured) + self._shift_rad + self._lost_rad() + wrong_rad,
+            joint.direction * vel_rad_s * joint.gear + wrong_rad_s,
             joint.direction * torque_nm / joint.gear,
             ROOM_C if heat is None else heat,
             self.enabled,
@@ -233,5 +234,8 @@ class EmulatedMotor:
 
     def _lost_rad(self) -> float:
         """By how much a lost zero makes it read off, on its own side."""
-        off_rad = self._faults.value("power_cycled_zero", *self.keys) or 0.0
-        return self.joint.direction * off_rad * self.joint.gear
+        return self._off("power_cycled_zero")
+
+    def _off(self, kind: str) -> float:
+        """By how much a fault makes it read off, on its own side."""
+        return self.joint.direction * (self._faults.value(kind, *self.keys) or 0.0) * self.joint.gear

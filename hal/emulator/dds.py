@@ -248,9 +248,10 @@ class DdsDevice(DeviceSide):
         seen, state = self._robot.measure(), self._state
         places, motors = self._slots.robot, state["motor_state"]
         self._held.advance(now_s)
-        pos_rad = seen.joint_pos_rad + self._health.offsets_rad()
+        pos_rad = seen.joint_pos_rad + self._health.off("power_cycled_zero", "wrong_position")
+        vel_rad_s = seen.joint_vel_rad_s + self._health.off("wrong_speed")
         alive = np.flatnonzero(~self._health.silent())
-        motors["q"][places[alive]], motors["dq"][places[alive]] = pos_rad[alive], seen.joint_vel_rad_s[alive]
+        motors["q"][places[alive]], motors["dq"][places[alive]] = pos_rad[alive], vel_rad_s[alive]
         motors["tau_est"][places[alive]] = seen.joint_torque_nm[alive]
         motors["temperature"][:SLOTS] = self._health.NOMINAL_CELSIUS
         motors["temperature"][places] = self._health.temperatures_c()[:, None]

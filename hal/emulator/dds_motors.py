@@ -66,16 +66,22 @@ class MotorHealth:
     def temperatures_c(self) -> np.ndarray:
         """(J,) casing and winding alike."""
         heat = np.full(len(self._names), float(self.NOMINAL_CELSIUS))
-        for joint in np.flatnonzero(self._faults.struck("over_temperature", self._names)).tolist():
-            heat[joint] = self._faults.value("over_temperature", self._names[joint]) or heat[joint]
+        struck, values = self._values("over_temperature")
+        heat[struck] = values
         return heat
 
-    def offsets_rad(self) -> np.ndarray:
-        """(J,) how far each position reads off."""
-        offsets = np.zeros(len(self._names))
-        for joint in np.flatnonzero(self._faults.struck("power_cycled_zero", self._names)).tolist():
-            offsets[joint] = self._faults.value("power_cycled_zero", self._names[joint]) or 0.0
-        return offsets
+    def off(self, *kinds: str) -> np.ndarray:
+        """(J,) how far each position or speed reads off, by faults of these kinds."""
+        off = np.zeros(len(self._names))
+        for kind in kinds:
+            struck, values = self._values(kind)
+            off[struck] += values
+        return off
+
+    def _values(self, kind: str) -> tuple[np.ndarray, list[float]]:
+        """Whom a kind of fault strikes now, and its value for each of them."""
+        struck = np.flatnonzero(self._faults.struck(kind, self._names))
+        return struck, [self._faults.value(kind, self._names[joint]) or 0.0 for joint in struck.tolist()]
 
 
 class HeldMotors:

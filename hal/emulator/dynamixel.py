@@ -221,9 +221,11 @@ class PortLine:
     def _measure(self, servo: EmulatedServo, state: Joints) -> None:
         """Put a servo's part of the robot's state into its table."""
         joint = self._joint[servo.id]
-        shift_rad = self._faults.value("power_cycled_zero", servo.joint) or 0.0
+        kinds = ("power_cycled_zero", "wrong_position", "wrong_speed")
+        lost_rad, wrong_rad, wrong_rad_s = (self._faults.value(kind, servo.joint) or 0.0 for kind in kinds)
         pos_rad, vel_rad_s, torque_nm = (values[joint] for values in state)
-        self._robot.report(joint, *servo.measure(pos_rad, vel_rad_s, torque_nm, shift_rad))
+        said = servo.measure(pos_rad, vel_rad_s + wrong_rad_s, torque_nm, lost_rad + wrong_rad)
+        self._robot.report(joint, *said)
 
     def _hears(self, servo: EmulatedServo) -> bool:
         return servo.id not in self._unpowered and self._faults.hears(servo.joint, self._options.name)

@@ -38,6 +38,8 @@ COMMON_KINDS: Mapping[str, FaultKind] = {
     "fault_code": FaultKind("reports a fault, gives no torque; value: the device's own code, -1 its commonest", -1.0),
     "reconnect": FaultKind("the adapter goes away, and comes back with the fault's end"),
     "power_cycled_zero": FaultKind("positions are off; value: by how much, rad at the joint", 2.0 * math.pi),
+    "wrong_position": FaultKind("says positions that are off; value: by how much, rad at the joint", 1.5),
+    "wrong_speed": FaultKind("says speeds that are off; value: by how much, rad/s at the joint", 30.0),
 }
 SECOND_CONTROLLER = FaultKind("somebody else commands as well")
 # Kinds under which nothing that a device sends arrives, and nothing that it is sent.

@@ -294,7 +294,7 @@ class WireBackend(ClosesByDamping):
         return ("dead_man", *faults) if self._dead_man.latched and "dead_man" not in faults else faults
 
     def _read_texts(self) -> None:
-        """Parsed only when they have changed."""
+        """Parsed only when they have changed. Where the new ones cannot be had whole, the next reading tries again."""
         serial = self._state.texts_serial
-        if serial != self._texts[0]:
-            self._texts = (serial, *self._state.texts())
+        if serial != self._texts[0] and (texts := self._state.texts()) is not None:
+            self._texts = (serial, *texts)

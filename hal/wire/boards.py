@@ -186,11 +186,11 @@ class StateBoard:
             energised=bool(values[ENERGISED]),
         )
 
-    def texts(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Faults and pressed buttons, as last published."""
+    def texts(self) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+        """Faults and pressed buttons, as last published; None where they cannot be had whole just now."""
         latest = self._texts.latest()
         if latest is None:
-            return (), ()
+            return None if self._texts.serial else ((), ())
         content = json.loads(latest[1])
         return tuple(content["faults"]), tuple(content["buttons"])
 

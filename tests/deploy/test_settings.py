@@ -22,7 +22,7 @@ def changed(tmp_path, **changes):
 def test_the_thresholds_of_the_design():
     settings = load_settings()
     entry = settings.entry
-    assert (entry.joint_rad, entry.tilt_rad, entry.ang_vel_rad_s) == (0.15, 0.1, 0.3)
+    assert (entry.joint_rad, entry.joint_vel_rad_s, entry.tilt_rad, entry.ang_vel_rad_s) == (0.15, 2.0, 0.1, 0.3)
     stand_up = settings.stand_up
     assert (stand_up.max_error_rad, stand_up.max_tilt_rad, stand_up.speed_rad_s) == (0.5, 0.5, 0.8)
     assert settings.blend_s == 0.3 and settings.stand_up.ramp_s >= 1.0

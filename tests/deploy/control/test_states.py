@@ -192,6 +192,7 @@ def test_the_first_fault_stays_the_reason(folder):
 
 OUTSIDE = [
     with_joint("joint_pos_rad", ROBOT.default_pos_rad[KNEE] + 0.151),
+    with_joint("joint_vel_rad_s", -2.01),
     state(imu_quat_wxyz=tilted(0.101)),
     state(imu_ang_vel_b=np.array([0.0, 0.22, 0.22])),
 ]

@@ -128,6 +128,8 @@ def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end:
 STRUCK = {
     "wire killed": (signal.SIGKILL, ("wire",)),
     "both stopped": (signal.SIGSTOP, ("loop", "wire")),
+    "wire stopped": (signal.SIGSTOP, ("wire",)),
+    "both killed": (signal.SIGKILL, ("loop", "wire")),
 }
 
 

@@ -1,5 +1,9 @@
-"""The command `hal/verify` on every wire, as an owner types it; the emulator's own truth is what the operator sees."""
+"""The command `hal/verify` on every wire, as an owner types it; the emulator's own truth is what the operator sees.
 
+And the run that wants its record: a robot that nobody has verified stays slack.
+"""
+
+import contextlib
 import io
 import json
 from collections.abc import Iterator
@@ -8,9 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import deploy.record.watching
+import deploy.session
+from core.clock import MonotonicClock
+from deploy.cli import main as deploy_run
 from hal.emulator.launch import Emulator
-from hal.open import WIRES
+from hal.open import WIRES, open_backend, wire_config_sha256
 from hal.verification import cli
+from hal.verification.record import VerifiedRecord
+from tests.deploy.test_wires import patient_settings
+from tests.deploy.toys import write_standing_actor
 from tests.hal.conformance.rigs import Emulators
 from tests.hal.rigs import G1
 from tests.hal.verification.rig import Watcher
@@ -68,3 +79,34 @@ def test_an_operator_who_does_not_agree_has_nothing_energised(
     assert cli.main(options) == 2
     assert set(running.get(wire, running.config(wire)).control.status()["mode"].values()) == {"slack"}
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_a_run_on_a_robot_that_nobody_has_verified_is_refused(
+    wire: str, running: Emulators, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To the run the emulator is a real robot. Dry runs are not what is asked about."""
+    config = running.config(wire)
+    emulator = running.get(wire, config)
+    there = {"config": config, "endpoints": emulator.endpoints}
+    records, opened = tmp_path / "verified", open_backend
+    monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
+    monkeypatch.setattr(deploy.session, "VERIFIED", records)
+    monkeypatch.setattr(deploy.session, "require_records", lambda *parts: None)
+    monkeypatch.setattr(deploy.session, "open_backend", lambda *parts, **named: opened(*parts, **named | there))
+    (tmp_path / "patient.yaml").write_text(patient_settings())
+    policy, stand = (str(write_standing_actor(tmp_path / f"{name}.onnx", name=name)) for name in ("clip", "stand"))
+    command = ["--backend", wire, "--hal-config", str(config), "--config", str(tmp_path / "patient.yaml")]
+    command += ["--policy", policy, "--stand", stand, "--duration", "0.3"]
+    assert deploy_run(command) == 4
+    assert "verified: not verified with this configuration: hang the robot up" in capsys.readouterr().err
+    with contextlib.closing(open_backend(wire, G1, MonotonicClock(), **there)) as backend:
+        known = dict(backend.open().identities)
+    record = VerifiedRecord(wire_config_sha256(wire, config, {}), G1.name, known)
+    record.save(records, {})
+    assert deploy_run(command) in (0, 3)  # a machine that is late may trip what has begun
+    assert "ok  verified" in capsys.readouterr().out
+    VerifiedRecord(record.config_sha256, G1.name, known | {"left_knee_joint": "another"}).save(records, {})
+    assert deploy_run(command) == 4
+    assert "another robot than the verified one: left_knee_joint is" in capsys.readouterr().err
+    assert set(emulator.control.status()["mode"].values()) == {"slack"}

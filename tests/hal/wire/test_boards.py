@@ -78,6 +78,15 @@ def test_faults_come_and_go(boards):
     assert reader.texts()[0] == ("a: with a reason",)
 
 
+def test_faults_that_cannot_be_had_whole_are_not_taken_for_none(boards, monkeypatch):
+    writer, reader = boards
+    writer.fault("a", True)
+    monkeypatch.setattr(reader._texts, "latest", lambda: None)
+    assert reader.texts() is None
+    monkeypatch.undo()
+    assert reader.texts()[0] == ("a",)
+
+
 def test_more_faults_than_fit_are_counted(boards):
     writer, reader = boards
     for k in range(200):

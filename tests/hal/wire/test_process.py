@@ -12,6 +12,7 @@ import pytest
 
 from core.errors import InputError
 from hal.contract.types import DeviceError, DeviceFault, LinkLost
+from hal.simulated.faults import MockFault
 from tests.hal.rigs import G1, PERIOD_S, hold
 from tests.hal.wire.fake import CYCLE_S, FakeFactory, fake_backend, read_journal
 
@@ -198,6 +199,16 @@ def test_a_wire_process_that_dies_is_a_lost_link():
         backend.damp()
         begun_s = time.monotonic()
     assert time.monotonic() - begun_s < 5.0
+
+
+def test_a_fault_that_is_not_had_whole_at_first_is_seen_in_the_next_reading(monkeypatch):
+    with fake_backend(faults=(MockFault("device_fault", 0.0, joint="left_knee_joint"),)) as backend:
+        monkeypatch.setattr(backend._state._texts, "latest", lambda: None)
+        ready(backend)
+        wait_until(lambda: backend._state.texts_serial > 0)
+        assert backend.read().faults == ()
+        monkeypatch.undo()
+        assert backend.read().faults == ("motor_fault:left_knee_joint",)
 
 
 def test_the_remote_is_heard():
