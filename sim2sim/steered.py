@@ -16,6 +16,7 @@ from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeRig, FallWatch, simulated_rig
 from deploy.goals.guard import GoalGuard
+from deploy.goals.open import standing_for
 from deploy.goals.points import PointGuard
 from deploy.goals.ranges import narrowed
 from deploy.goals.steering import Pilot, SteerGoal
@@ -107,8 +108,9 @@ def play_steered(request: EvaluationRequest, policy: str, episode: int) -> Steer
     """One episode of 20 s from the stand pose; all chance of it is the request's, which names the kind of goal."""
     robot, settings, rng = load_robot(), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
-    standing, period_s = stand.goals.setting, stand.period_s
-    goals, _ = narrowed(settings.goals, read_metadata(resolve_actor(policy)).spec.provenance)
+    spec, period_s = read_metadata(resolve_actor(policy)).spec, stand.period_s
+    standing = standing_for(spec, stand, robot)
+    goals, _ = narrowed(settings.goals, spec.provenance)
     guard, points = GoalGuard(goals, period_s), PointGuard(goals, robot, standing)
     watch = _Watch(guard, robot, points)
     pilot: Pilot = RandomStick(goals, period_s, rng)

@@ -200,7 +200,8 @@ class ScriptGoal:
             self._begin(self._number + 1)
             step = self._step
         if not isinstance(step, ClipGoal):
-            return self._rows.next(self._guard, NOBODY if self._gives_way else step.next(), yaw_rad)
+            asked, leaves = NOBODY if self._gives_way else step.next(), self._gives_way or self.finished
+            return self._rows.next(self._guard, asked, yaw_rad, leaves=leaves)
         self._guard.see(yaw_rad)
         return replace(step.next(yaw_rad), turn_rad=self._turn_rad)
 
