@@ -63,6 +63,15 @@ def test_the_message_byte_by_byte():
     assert len(reach) == 76 and reach[6:8] == b"\1\0" and decode(reach)[1].points == (1, 2, 3)
 
 
+def test_points_may_be_arrays_and_none_is_left_out_unsaid():
+    places = np.arange(1.0, 10.0).reshape(3, 3)
+    message = encode_points(7, np.array([0.25, -0.5, 1.0]), *places, np.array([0.0, 0.0, 0.0, 1.0]))
+    assert message == encode_points(7, (0.25, -0.5, 1.0), (1, 2, 3), (4, 5, 6), (7, 8, 9), (0, 0, 0, 1))
+    for some in ((places[1],), (None, places[2]), (places[1], places[2])):
+        with pytest.raises(ValueError, match="expected the right hand alone, or both hands, the head and its rotation"):
+            encode_points(7, (0.0, 0.0, 0.0), places[0], *some)
+
+
 def test_what_is_no_message_is_none():
     good = encode_points(1, (0.0, 0.0, 0.0), (0.3, -0.2, 1.0), (0.3, 0.2, 1.0), (0.0, 0.0, 1.2), (1, 0, 0, 0))
     nan = struct.pack("<f", math.nan)

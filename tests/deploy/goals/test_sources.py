@@ -345,7 +345,12 @@ BAD = [
     ("steps: [{for_s: 1.0}, {for_s: 2.0, forward: 0.7}]", r"steps\[1\]\.forward: out of range, got 0\.7, expected a n"),
     ("steps: [{for_s: 1.0, turn: .nan}]", r"steps\[0\]\.turn: not finite"),
     ("steps: [{clip: stand, left: 0.1}]", r"steps\[0\]: speeds or reach beside a clip"),
-    ("steps: [{clip: stand, kind: vr4}]", r"steps\[0\]: no such kind of goal, got vr4"),
+    (
+        "steps: [{clip: stand, kind: vr4}]",
+        r"steps\[0\]\.kind: no such kind of goal, got vr4, expected one of full, body",
+    ),
+    ("steps: [{clip: stand, kind: none}]", r"steps\[0\]\.kind: no such kind of goal, got none"),
+    ("steps: [{for_s: 1.0, kind: vr3}]", r"steps\[0\]\.kind: no clip that it belongs to, got vr3, expected clip"),
     ("steps: [{for_s: 2.0, turn: 0.1}]", r"steps\[0\]: not at rest before what follows; put \{for_s: 1\.0\}"),
     ("steps: [{for_s: 2.0, turn: 0.1}, {for_s: 0.9}, {clip: stand}]", r"steps\[1\]: not at rest before what follows"),
     ("steps: [{for_s: 1.0, sped: 0.1}]", r"steps\[0\]\.sped: unknown key"),
