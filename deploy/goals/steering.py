@@ -8,7 +8,7 @@ import numpy as np
 
 from core.rotations import yaw_of
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
-from deploy.goals.points import PointGuard, in_world
+from deploy.goals.points import PointGuard, below_root, in_world
 from deploy.goals.source import Goal
 from motion.clip import Clip
 from motion.reference import Reference
@@ -84,7 +84,7 @@ class SteeredRows:
         middle_rad = 0.5 * (headings_rad[:-1] + headings_rad[1:])
         cosine, sine = np.cos(middle_rad), np.sin(middle_rad)
         steps_m = np.stack([cosine * speeds[0] - sine * speeds[1], sine * speeds[0] + cosine * speeds[1]], axis=-1)
-        place_m = np.tile(self._still.root_pos_w[0] * [1.0, 1.0, 0.0], (AHEAD, 1))
+        place_m = np.tile(below_root(self._still), (AHEAD, 1))
         place_m[1:, :2] += self._still.dt_s * np.cumsum(steps_m, axis=0)
         pos_w, quat_wxyz = self._still.body_pos_w.copy(), self._still.body_quat_wxyz.copy()
         places, turns = in_world(points.ahead(self._times_s), headings_rad, place_m)

@@ -23,6 +23,7 @@ from motion.steering import steering_of
 from policy.goals import visible_in
 from tests.deploy.goals.toys import Hand, Stage, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state
+from world.scene import Scene
 
 POINTS = SETTINGS.goals.points
 LOW, HIGH = (np.array([getattr(getattr(POINTS, name), end) for name in TRACKED]) for end in ("low", "high"))
@@ -117,6 +118,22 @@ def test_a_point_goes_on_and_slows_down(guard):
     for tick in range(35, 41):
         guard.next((0.2, -0.2, 0.7 + 0.02 * tick))
     assert guard.values[0, 2] == pytest.approx(1.5) and guard.ahead(np.array([0.34]))[0, 0, 2] == 1.5
+
+
+def test_points_are_above_the_floor_wherever_that_is(folder, stand):
+    """On a floor 1 m lower, the actor sees the same numbers."""
+    low, seen = stand.goals.setting, []
+    moved = {name: getattr(low, name) - [0.0, 0.0, 1.0] for name in ("root_pos_w", "body_pos_w")}
+    for standing in (low, replace(low, scene=Scene(floor_m=-1.0), **moved)):
+        hand, points = Hand(), PointGuard(SETTINGS.goals, ROBOT, standing)
+        goal = SteerGoal("udp", hand, standing, GoalGuard(SETTINGS.goals, PERIOD_S), points)
+        actor = load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor
+        run = ActorRun(actor, ROBOT, SETTINGS.entry, goal)
+        run.start()
+        hand.steer = Steer(0.2, 0.0, 0.1, points=HANDS_OUT)
+        seen.append([run.act(state()).observation["obs"] for _ in range(30)])
+    assert seen[1][-1] == pytest.approx(seen[0][-1], abs=1e-6)
+    assert seen[0][-1][column("goal_point", "right_hand")][2] == pytest.approx(1.0)
 
 
 SILENCES = [NOBODY, Steer(0.1, 0.0, 0.0, 0.26, HANDS_OUT), Steer(0.1, 0.0, 0.0, 0.0, (math.nan,) * 3)]
