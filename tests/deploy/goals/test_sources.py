@@ -10,7 +10,6 @@ from core.config import CONFIGS
 from core.errors import InputError
 from deploy.actors import load_run
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
-from deploy.goals.open import standing_for
 from deploy.goals.points import PointGuard
 from deploy.goals.script import ScriptGoal, load_script
 from deploy.goals.steering import SteerGoal
@@ -112,43 +111,6 @@ def test_a_steered_robot_that_rests_is_left_to_the_stand_actor_and_one_unheard_i
     for _ in range(100):
         goal.next(0.0)
     assert goal.finished
-
-
-@pytest.mark.parametrize("ends", ["rests", "hold", "lost"])
-def test_left_to_the_stand_actor_it_is_shown_the_whole_pose_of_that_one_in_the_heading_asked_for(folder, stand, ends):
-    """A second of a turn to the left; then it comes to rest, and looks as the stand actor's clip does at first."""
-    hand, actor = Hand(), clip_run(folder, actor="goals").actor
-    standing = standing_for(actor.spec, stand, ROBOT)
-    guard = GoalGuard(GOALS, PERIOD_S)
-    run = type(stand)(actor, ROBOT, SETTINGS.entry, SteerGoal("stick", hand, standing, guard))
-    run.start()
-    hand.steer = Steer(0.0, 0.0, 0.4)
-    for _ in range(50):
-        run.act(turned(0.7))
-    hand.steer = Steer(0.4, 0.0, 0.0) if ends == "hold" else NOBODY if ends == "lost" else Steer(0.0, 0.0, 0.0)
-    if ends == "hold":
-        run.give_way()
-    run.act(turned(0.7))
-    assert np.array_equal(run.goal.visible, visible_in("steer"))  # it still turns
-    for _ in range(160):
-        seen = run.act(turned(0.7)).observation["obs"]
-    assert np.array_equal(run.goal.visible, visible_in("full")) and run.resting
-    angle = guard.heading_rad
-    assert angle > 0.3 and seen[column("reference_heading")] == pytest.approx([math.sin(angle), math.cos(angle)])
-    assert seen[column("reference_joint_pos")][:23] == pytest.approx(standing.joint_pos_rad[0] - ROBOT.default_pos_rad)
-    assert seen[column("reference_feedforward")] == pytest.approx(standing.feedforward_rad[0])
-    assert standing.feedforward_rad[0].any() and not seen[column("reference_lin_vel")].any()
-    point = np.array(seen[column("goal_point", "head")][:2])
-    assert np.hypot(*point) == pytest.approx(np.hypot(*head_of(standing)), abs=1e-6)
-    hand.steer = Steer(0.4, 0.0, 0.0)
-    run.act(turned(0.7))
-    assert np.array_equal(run.goal.visible, visible_in("steer" if ends == "rests" else "full"))
-
-
-def head_of(standing):
-    """(2,) from above the root, of the first pose."""
-    head = ROBOT.tracked_names.index("head_link")
-    return (standing.body_pos_w[0, head] - standing.root_pos_w[0])[:2]
 
 
 def test_asked_to_hold_or_lost_it_rests_whatever_is_steered_until_it_starts_anew(stand):
