@@ -91,10 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_output_folder("--report", options.report)
     if options.meshes is not None:
         check_meshes(load_robot(), options.meshes)
-    if options.stress:
-        _stress(options)
-    elif options.goal in TASKS and not options.motion:
+    if options.goal in TASKS and not options.motion:
         _steer(options)
+    elif options.stress:
+        _stress(options)
     else:
         _run(request_of(options), _writers(options))
     return 0
@@ -115,8 +115,9 @@ def _stress(options: argparse.Namespace) -> None:
 
 def _steer(options: argparse.Namespace) -> None:
     """What is steered by chance has no reference, so there are neither pictures nor a clip's first frame."""
-    for name in ("video", "report", "stress"):
-        if getattr(options, name):
+    usual = build_parser().parse_args(["--policy", options.policy[0]])
+    for name in ("video", "report", "stress", "start"):
+        if getattr(options, name) != getattr(usual, name):
             raise InputError(f"--{name} does not go with {TASKS[options.goal]}", hint="give --motion besides --goal")
     request = request_of(options)
     progress = Progress(request.episodes * len(request.policies))

@@ -1,5 +1,6 @@
 """An actor that is steered by chance: does it stand, and does it do what it is told?"""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeRig, FallWatch, simulated_rig
 from deploy.goals.guard import GoalGuard
+from deploy.goals.open import standing_for
 from deploy.goals.points import PointGuard
 from deploy.goals.ranges import narrowed
 from deploy.goals.steering import Pilot, SteerGoal
@@ -107,8 +109,9 @@ def play_steered(request: EvaluationRequest, policy: str, episode: int) -> Steer
     """One episode of 20 s from the stand pose; all chance of it is the request's, which names the kind of goal."""
     robot, settings, rng = load_robot(), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
-    standing, period_s = stand.goals.setting, stand.period_s
-    goals, _ = narrowed(settings.goals, read_metadata(resolve_actor(policy)).spec.provenance)
+    spec, period_s = read_metadata(resolve_actor(policy)).spec, stand.period_s
+    standing = standing_for(spec, stand, robot)
+    goals, _ = narrowed(settings.goals, spec.provenance)
     guard, points = GoalGuard(goals, period_s), PointGuard(goals, robot, standing)
     watch = _Watch(guard, robot, points)
     pilot: Pilot = RandomStick(goals, period_s, rng)
@@ -149,11 +152,15 @@ def _episode(
 def evaluate_steered(
     request: EvaluationRequest, on_done: Callable[[SteeredScore], None] = lambda score: None
 ) -> list[dict[str, Any]]:
-    """A document for each policy: how many of the episodes lasted, and mean errors. Raises InputError."""
-    documents = []
+    """A document for each policy: how many of the episodes lasted, and mean errors, None where no episode lasted 1 s.
+
+    Raises InputError before any episode.
+    """
     for policy in request.policies:
         if not follows_goals(read_metadata(path := resolve_actor(policy)).spec):
             raise InputError("this actor follows clips, not goals", where=path, hint="give --motion instead of --goal")
+    documents = []
+    for policy in request.policies:
         scores = []
         for episode in range(request.episodes):
             scores.append(play_steered(request, policy, episode))
@@ -174,10 +181,16 @@ def _document(policy: str, request: EvaluationRequest, scores: Sequence[SteeredS
         "survival_rate": len(lasted) / len(scores),
         "ended_early": {cause: ends.count(cause) for cause in sorted(set(ends))},
         "minutes": sum(score.seconds for score in scores) / 60.0,
-        "speed_error_m_s": float(np.nanmean([score.speed_error_m_s for score in scores])),
-        "heading_error_rad": float(np.nanmean([score.heading_error_rad for score in scores])),
-        **({} if key is None else {key: float(np.nanmean([score.away_m for score in scores]))}),
+        "speed_error_m_s": _mean([score.speed_error_m_s for score in scores]),
+        "heading_error_rad": _mean([score.heading_error_rad for score in scores]),
+        **({} if key is None else {key: _mean([score.away_m for score in scores])}),
     }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    """Of those that are known; None where none is."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.mean(known)) if known else None
 
 
 def _turned(vector: np.ndarray, angle_rad: float) -> np.ndarray:
@@ -193,7 +206,11 @@ def steered_table(documents: Sequence[dict[str, Any]]) -> str:
         lines += [
             f"{d['policy']}: {100 * d['survival_rate']:.1f} % of {d['episodes']} episodes of {EPISODE_S:g} s completed",
             f"  ended early: {early}",
-            f"  off by {d['speed_error_m_s']:.3f} m/s and {d['heading_error_rad']:.3f} rad of heading",
-            *(f"  {words} {d[key]:.3f} m" for key, words in AWAY.items() if key in d),
+            f"  off by {_told(d['speed_error_m_s'])} m/s and {_told(d['heading_error_rad'])} rad of heading",
+            *(f"  {words} {_told(d[key])} m" for key, words in AWAY.items() if key in d),
         ]
     return "\n".join(lines)
+
+
+def _told(value: float | None) -> str:
+    return "an unknown number of" if value is None else f"{value:.3f}"

@@ -15,14 +15,14 @@ from deploy.goals.points import NUMBERS, TRACKED
 SPEEDS, POINTS = struct.Struct("<4sHHI3f"), struct.Struct("<4sHHI3f9f4f")
 LARGEST = POINTS.size
 MAGIC = b"KATA"
-REACH, VR3 = 1, 2
+NO_POINTS, REACH, VR3 = 0, 1, 2
 NUMBERS_BEYOND = 1 << 32
 UNIT = 0.01  # how far the length of a quaternion may be from 1
 
 
 def encode(number: int, forward_m_s: float, left_m_s: float, turn_rad_s: float) -> bytes:
     """Speeds alone. number: rises by one with each, modulo 2**32."""
-    return SPEEDS.pack(MAGIC, 1, 0, number % NUMBERS_BEYOND, forward_m_s, left_m_s, turn_rad_s)
+    return SPEEDS.pack(MAGIC, 1, NO_POINTS, number % NUMBERS_BEYOND, forward_m_s, left_m_s, turn_rad_s)
 
 
 def encode_points(
@@ -35,11 +35,14 @@ def encode_points(
 ) -> bytes:
     """Speeds (3,) and points (3,) of a body, seen from the floor under its root in its heading; rotation (4,).
 
-    Without the head and the left hand the right one alone is asked for.
+    The right hand alone, or all of them: ValueError where some are missing.
     """
-    kind, nothing = (REACH if head_m is None else VR3), (0.0, 0.0, 0.0)
-    places = [*right_hand_m, *(left_hand_m or nothing), *(head_m or nothing)]
-    turn = head_quat_wxyz or (1.0, 0.0, 0.0, 0.0)
+    others = [part for part in (left_hand_m, head_m, head_quat_wxyz) if part is not None]
+    if len(others) not in (0, 3):
+        raise ValueError("points: got some, expected the right hand alone, or both hands, the head and its rotation")
+    kind, unread = (VR3 if others else REACH), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    left, head, turn = others or unread
+    places = [*right_hand_m, *left, *head]
     return POINTS.pack(MAGIC, 2, kind, number % NUMBERS_BEYOND, *speeds, *places, *turn)
 
 
@@ -51,7 +54,7 @@ def decode(datagram: bytes) -> tuple[int, Steer] | None:
     magic, version, kind, number, forward, left, turn, *values = layout.unpack(datagram)
     if magic != MAGIC or version != (1 if layout is SPEEDS else 2):
         return None
-    points = () if layout is SPEEDS else _points(kind, values)
+    points = _points(kind, values)
     if points is None or not all(map(math.isfinite, (forward, left, turn, *points))):
         return None
     return number, Steer(forward, left, turn, points=points)
@@ -59,6 +62,8 @@ def decode(datagram: bytes) -> tuple[int, Steer] | None:
 
 def _points(kind: int, values: list[float]) -> tuple[float, ...] | None:
     """Those of a kind, the head's rotation as a vector; None for another kind, or for a quaternion that is none."""
+    if not values:
+        return () if kind == NO_POINTS else None
     if kind == REACH:
         return tuple(values[:NUMBERS])
     places = (len(TRACKED) - 1) * NUMBERS

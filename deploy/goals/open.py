@@ -20,8 +20,11 @@ from deploy.operator.sticks import Sticks
 from deploy.options import RunOptions
 from deploy.settings import DeploySettings, GoalSettings
 from motion.clip_set import open_clips
+from motion.reference import Reference
+from motion.tables import with_tables
 from policy.actor import load_actor, resolve_actor
 from policy.metadata import read_metadata
+from policy.observation import reference_tables
 from policy.spec import ActorSpec, motion_info
 from robot.robot import Robot
 
@@ -69,12 +72,12 @@ class GoalDesk:
             return Followed((run,), (run,))
         if self.stand is None or self.stand.clip is None:
             raise InputError("--goal that is steered", got="no stand actor", hint="leave --start reference out")
-        standing = self.stand.goals.setting
+        standing = standing_for(spec, self.stand, self.robot)
         settings, limits = narrowed(self.settings.goals, spec.provenance)
         self.say(limits)
         guards = (GoalGuard(settings, standing.dt_s), PointGuard(settings, self.robot, standing))
         if option.source == "script":
-            return self._scripted(option, policy, settings, *guards)
+            return self._scripted(option, policy, settings, standing, *guards)
         if option.source == "udp":
             port = self._listen(option, standing.dt_s)
             return Followed((self._steered(policy, SteerGoal("udp", port, standing, *guards)),))
@@ -89,9 +92,14 @@ class GoalDesk:
         return port
 
     def _scripted(
-        self, option: GoalOption, policy: str, settings: GoalSettings, guard: GoalGuard, points: PointGuard
+        self,
+        option: GoalOption,
+        policy: str,
+        settings: GoalSettings,
+        standing: Reference,
+        guard: GoalGuard,
+        points: PointGuard,
     ) -> Followed:
-        assert self.stand is not None
         path = Path(option.file)
         script = load_script(path, settings)
         runs, clips = [], []
@@ -101,7 +109,7 @@ class GoalDesk:
                 assert isinstance(run.goals, ClipGoal)
                 runs.append(run)
                 clips.append(run.goals)
-        goal = ScriptGoal(path.stem, script, clips, self.stand.goals.setting, settings, guard, points)
+        goal = ScriptGoal(path.stem, script, clips, standing, settings, guard, points)
         return Followed((self._steered(policy, goal),), tuple(runs))
 
     def _clip_of(self, path: Path, number: int, step: Step, policy: str) -> ActorRun:
@@ -126,6 +134,11 @@ class GoalDesk:
         assert self.stand is not None and self.stand.clip is not None
         standing = motion_info(self.stand.clip, goal.name, goal.start_pose_rad)
         return ActorRun(load_actor(policy, self.robot, standing), self.robot, self.settings.entry, goal)
+
+
+def standing_for(spec: ActorSpec, stand: ActorRun, robot: Robot) -> Reference:
+    """What the stand actor follows, with all that a steered actor looks at before it is left to that one."""
+    return with_tables(robot, stand.goals.setting, reference_tables(spec.observations))
 
 
 def _spec_that_follows_goals(policy: str) -> ActorSpec:

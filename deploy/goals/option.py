@@ -8,6 +8,7 @@ from policy.goals import KINDS
 
 SOURCES = "clip:FILE[:KIND], stick, script:FILE or udp:[ADDRESS:]PORT"
 SHOWN = tuple(kind for kind in KINDS if kind != "none")
+WHOLE = "full"
 LAST_PORT = 65535
 
 
@@ -17,7 +18,7 @@ class GoalOption:
 
     source: str
     file: str = ""
-    kind: str = "full"
+    kind: str = WHOLE
     address: str = LOOPBACK
     port: int = 0
 

@@ -88,10 +88,15 @@ def in_world(points: np.ndarray, heading_rad: np.ndarray, place_m: np.ndarray) -
     return place_m[:, None] + quat_rotate(headings, points[:, :-1]), turns
 
 
+def below_root(reference: Reference) -> np.ndarray:
+    """(3,) the place on the scene's floor below the first pose's root."""
+    return np.array([*reference.root_pos_w[0, :2], reference.floor_m])
+
+
 def _seen(standing: Reference, columns: np.ndarray) -> np.ndarray:
     """(4, 3) of the first pose."""
     heading = yaw_quat(standing.root_quat_wxyz[0])
-    away = standing.body_pos_w[0, columns] - standing.root_pos_w[0] * [1.0, 1.0, 0.0]
+    away = standing.body_pos_w[0, columns] - below_root(standing)
     places = quat_rotate_inverse(np.broadcast_to(heading, (len(away), 4)), away)
     turn = quat_mul(quat_conjugate(heading), standing.body_quat_wxyz[0, columns[-1]])
     return np.vstack([places, quat_to_rotvec(turn)])

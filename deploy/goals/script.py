@@ -14,6 +14,7 @@ from core.rotations import yaw_of
 from core.structured import positive, within
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
+from deploy.goals.option import SHOWN, WHOLE
 from deploy.goals.points import PointGuard
 from deploy.goals.source import Goal
 from deploy.goals.steering import SteeredRows
@@ -23,7 +24,6 @@ from deploy.settings import GoalSettings
 from motion.clip import Clip
 from motion.reference import Reference
 from motion.steering import AXES
-from policy.goals import visible_in
 
 SHORTEST_REST_S = 1.0
 SHORTEST_M = 0.2  # way from one point to the next
@@ -48,7 +48,7 @@ class Step:
     speed: float | None = None
     heading: float | None = None
     clip: str | None = None
-    kind: str = "full"
+    kind: str = WHOLE
 
     def __post_init__(self) -> None:
         named = [name for name in ("for_s", "path", "clip") if getattr(self, name) is not None]
@@ -65,12 +65,18 @@ class Step:
         elif self.speed is not None or self.heading is not None:
             got = f"speed {self.speed}, heading {self.heading}"
             raise InputError("no path that they belong to", got=got, expected="path")
-        visible_in(self.kind)
+        self._check_kind()
 
     @property
     def speeds(self) -> tuple[float, float, float]:
         """Forward, left, turn."""
         return self.forward, self.left, self.turn
+
+    def _check_kind(self) -> None:
+        if self.kind not in SHOWN:
+            raise InputError("no such kind of goal", where="kind", got=self.kind, expected=f"one of {', '.join(SHOWN)}")
+        if self.clip is None and self.kind != WHOLE:
+            raise InputError("no clip that it belongs to", where="kind", got=self.kind, expected="clip")
 
     def _check_path(self, path: tuple[tuple[float, float], ...]) -> None:
         if not path:
@@ -200,7 +206,8 @@ class ScriptGoal:
             self._begin(self._number + 1)
             step = self._step
         if not isinstance(step, ClipGoal):
-            return self._rows.next(self._guard, NOBODY if self._gives_way else step.next(), yaw_rad)
+            asked, leaves = NOBODY if self._gives_way else step.next(), self._gives_way or self.finished
+            return self._rows.next(self._guard, asked, yaw_rad, leaves=leaves)
         self._guard.see(yaw_rad)
         return replace(step.next(yaw_rad), turn_rad=self._turn_rad)
 

@@ -6,8 +6,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from core.rotations import yaw_of
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
-from deploy.goals.points import PointGuard, in_world
+from deploy.goals.points import PointGuard, below_root, in_world
 from deploy.goals.source import Goal
 from motion.clip import Clip
 from motion.reference import Reference
@@ -32,7 +33,8 @@ class Pilot(Protocol):
 class SteeredRows:
     """A reference of some rows that stands still, with the steering of a guard in it, and its points where there are.
 
-    Beyond now it goes on with its speeds; its points slow down in it.
+    Beyond now it goes on with its speeds; its points slow down in it. Whoever is told to rest may do so in any pose, a
+    crouch between two steps too. So what is left to the stand actor is shown the whole pose that it has to reach.
     """
 
     def __init__(self, standing: Reference, points: PointGuard | None = None) -> None:
@@ -41,7 +43,9 @@ class SteeredRows:
             for name, value in vars(standing).items()
             if isinstance(value, np.ndarray)
         }
-        tables |= {"duration_s": standing.dt_s, "feedforward_rad": np.zeros_like(tables["joint_pos_rad"])}
+        self._yaw_rad = float(yaw_of(standing.root_quat_wxyz[0]))
+        tables = {"feedforward_rad": np.zeros_like(tables["joint_pos_rad"])} | tables
+        tables |= {"duration_s": standing.dt_s, "steering": np.tile([0.0, 0.0, 0.0, self._yaw_rad], (AHEAD, 1))}
         self._still, self._points = replace(standing, **tables), points
         self._ticks = np.arange(AHEAD)
         self._times_s = standing.dt_s * self._ticks
@@ -56,16 +60,21 @@ class SteeredRows:
         if self._points is not None:
             self._points.start()
 
-    def next(self, guard: GoalGuard, asked: Steer, yaw_rad: float) -> Goal:
-        """One tick of the guards, and what they let through: the heading now, and where it will be later."""
+    def next(self, guard: GoalGuard, asked: Steer, yaw_rad: float, *, leaves: bool) -> Goal:
+        """One tick of the guards, and what they let through: the heading now, and where it will be later.
+
+        leaves: whether the robot is left to the stand actor once it rests.
+        """
         before_rad = guard.heading_rad
         guard.next(asked, yaw_rad)
-        headings_rad = before_rad + self._ticks * (guard.heading_rad - before_rad)
-        tables: dict[str, Any] = {"steering": np.column_stack([np.tile(guard.speeds, (AHEAD, 1)), headings_rad])}
-        kind = "steer"
         if self._points is not None:
             self._points.next(asked.points if guard.heard else None)
-            kind = self._points.kind
+        if (leaves or guard.rested) and self.rested and not guard.speeds.any():
+            turn_rad = guard.heading_rad - self._yaw_rad
+            return Goal(self._still, 0, 0.0, visible_in("full"), turn_rad=turn_rad)
+        headings_rad = before_rad + self._ticks * (guard.heading_rad - before_rad)
+        tables: dict[str, Any] = {"steering": np.column_stack([np.tile(guard.speeds, (AHEAD, 1)), headings_rad])}
+        kind = "steer" if self._points is None else self._points.kind
         if self._points is not None and kind != "steer":
             tables |= self._placed(self._points, guard.speeds, headings_rad)
         return Goal(replace(self._still, **tables), 0, 0.0, visible_in(kind), turn_rad=0.0)
@@ -75,7 +84,7 @@ class SteeredRows:
         middle_rad = 0.5 * (headings_rad[:-1] + headings_rad[1:])
         cosine, sine = np.cos(middle_rad), np.sin(middle_rad)
         steps_m = np.stack([cosine * speeds[0] - sine * speeds[1], sine * speeds[0] + cosine * speeds[1]], axis=-1)
-        place_m = np.tile(self._still.root_pos_w[0] * [1.0, 1.0, 0.0], (AHEAD, 1))
+        place_m = np.tile(below_root(self._still), (AHEAD, 1))
         place_m[1:, :2] += self._still.dt_s * np.cumsum(steps_m, axis=0)
         pos_w, quat_wxyz = self._still.body_pos_w.copy(), self._still.body_quat_wxyz.copy()
         places, turns = in_world(points.ahead(self._times_s), headings_rad, place_m)
@@ -125,5 +134,5 @@ class SteerGoal:
 
     def next(self, yaw_rad: float) -> Goal:
         """See GoalSource."""
-        asked = self._pilot.next()
-        return self._rows.next(self._guard, NOBODY if self._gives_way or self._guard.lost else asked, yaw_rad)
+        asked, leaves = self._pilot.next(), self._gives_way or self._guard.lost
+        return self._rows.next(self._guard, NOBODY if leaves else asked, yaw_rad, leaves=leaves)

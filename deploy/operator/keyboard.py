@@ -70,7 +70,7 @@ class Keyboard:
         data = self._read()
         requests = self._requests(data)
         if self._sticks is not None:
-            self._sticks.hear(self.name, *self._sticks.keys.next(), age_s=0.0 if self.live else math.inf)
+            self._sticks.hear_keys(self.name, age_s=0.0 if self.live else math.inf)
         return requests
 
     def _requests(self, data: bytes) -> Sequence[Request]:

@@ -52,8 +52,9 @@ class SteerKeys:
 class Sticks:
     """What the people at keyboard, gamepad and remote want. Each device tells its axes once per tick.
 
-    The device that was moved last leads. One that is moved already when an actor takes over has to rest first: no
-    robot walks off because a stick lies on its side. A leader that is no longer heard is not replaced, and stops it.
+    The device that was moved last leads. One that is moved already when an actor takes over, or when it is first heard,
+    has to rest first: no robot walks off because a stick lies on its side. A leader that is no longer heard is not
+    replaced, and stops it.
     """
 
     def __init__(self, settings: GoalSettings, period_s: float) -> None:
@@ -75,8 +76,16 @@ class Sticks:
         if not all(map(math.isfinite, (forward, left, turn))):
             forward, left, turn, age_s = *REST, math.inf
         axes = (self._beyond_dead_zone(forward), self._beyond_dead_zone(left), self._beyond_dead_zone(turn))
+        self._take(device, axes, age_s)
+
+    def hear_keys(self, device: str, age_s: float) -> None:
+        """One tick of the keys, which know no dead zone."""
+        self._take(device, self.keys.next(), age_s)
+
+    def _take(self, device: str, axes: Axes, age_s: float) -> None:
         if not any(axes):
-            self._rested.add(device)
+            if age_s <= self._settings.stale_s:  # who is not heard may lie on its side
+                self._rested.add(device)
         elif device in self._rested and axes != self._axes.get(device):
             self._leader = device
         self._axes[device], self._ages_s[device] = axes, age_s

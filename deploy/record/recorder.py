@@ -159,7 +159,7 @@ class Recorder:
             self.performances.append(Performance(goal.clip, reference, self.laid, state.truth is not None))
         elif goal.clip is None and reference.steering is not None:
             forward, left, turn, heading_rad = reference.steering[goal.tick].tolist()
-            asked_rad = self._first_yaw_rad + heading_rad
+            asked_rad = self._first_yaw_rad + (goal.turn_rad or 0.0) + heading_rad
             self.off_rad.append(abs(math.remainder(yaw_rad - asked_rad, math.tau)))
             cosine, sine = math.cos(asked_rad), math.sin(asked_rad)
             way_m = AHEAD_S * np.array([cosine * forward - sine * left, sine * forward + cosine * left, 0.0])

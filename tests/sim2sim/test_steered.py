@@ -155,7 +155,21 @@ def test_the_command_plays_it_and_says_what_does_not_fit(tmp_path, capsys):
     run = json.loads((tmp_path / "o.json").read_text())["runs"][0]
     assert "0.0 % of 1 episodes of 20 s completed" in said and f"1 by {next(iter(run['ended_early']))}" in said
     assert 1.0 < 60.0 * run["minutes"] < 20.0 and 0.1 < run["speed_error_m_s"] < 1.0
-    assert main(["--policy", "taichi", "--goal", "steer"]) == 2
-    assert f"{resolve_actor('taichi')}: this actor follows clips, not goals" in capsys.readouterr().err
-    assert main(["--policy", policy, "--goal", "steer", "--video", str(tmp_path / "v.mp4")]) == 2
-    assert "--video does not go with a random stick" in capsys.readouterr().err
+    assert main(["--policy", policy, "--policy", "taichi", "--goal", "steer"]) == 2
+    captured = capsys.readouterr()
+    assert "episode 1/" not in captured.out + captured.err  # refused before any is played
+    assert f"{resolve_actor('taichi')}: this actor follows clips, not goals" in captured.err
+    for option in (["--video", str(tmp_path / "v.mp4")], ["--start", "stand"], ["--stress"]):
+        assert main(["--policy", policy, "--goal", "steer", *option]) == 2
+        assert f"{option[0]} does not go with a random stick" in capsys.readouterr().err
+
+
+def test_errors_of_episodes_that_hardly_begin_are_unknown(tmp_path, capsys):
+    """The robot begins in a pose in which it trips a rule at once: nothing is measured, and no number is invented."""
+    policy = str(write_goal_actor(tmp_path / "goals.onnx"))
+    arguments = ["--policy", policy, "--goal", "reach", "--start-noise", "1.5", "--json", str(tmp_path / "o.json")]
+    assert main(arguments) == 0
+    run = json.loads((tmp_path / "o.json").read_text())["runs"][0]
+    assert 60.0 * run["minutes"] < 1.0
+    assert [run[key] for key in ("speed_error_m_s", "heading_error_rad", "reach_error_m")] == [None] * 3
+    assert "off by an unknown number of m/s" in capsys.readouterr().out

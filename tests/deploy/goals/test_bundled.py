@@ -7,9 +7,11 @@ from tests.deploy.goals.test_runs import played
 def test_the_bundled_actor_walks_a_square_stops_and_plays_two_clips(capsys):
     """What came before a clip leaves its errors what they are from standing: within a fifth."""
     common = ["--backend", "mujoco", "--policy", "goals", "--fast", "--goal"]
-    report, _ = played([*common, f"script:{CONFIGS / 'goals' / 'square_and_clips.yaml'}"], capsys)
+    report, said = played([*common, f"script:{CONFIGS / 'goals' / 'square_and_clips.yaml'}"], capsys)
     assert report.outcome == "completed" and report.content["fell"] is False
     assert report.content["heading_error_rad"] < 0.05
+    # The stand actor takes over at the end, so that the robot is lowered and does not fall.
+    assert said.split("READY\n")[1].splitlines()[:4] == ["TRACKING", "HOLD", "LOWERING", "damping"]
     clips = {clip["motion"]: clip["metrics"] for clip in report.content["clips"]}
     assert list(clips) == ["horse_stance_punch", "side_kick"]
     alone, _ = played([*common, "clip:side_kick"], capsys)

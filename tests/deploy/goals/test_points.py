@@ -23,6 +23,7 @@ from motion.steering import steering_of
 from policy.goals import visible_in
 from tests.deploy.goals.toys import Hand, Stage, column, standing_run, write_goal_actor
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state
+from world.scene import Scene
 
 POINTS = SETTINGS.goals.points
 LOW, HIGH = (np.array([getattr(getattr(POINTS, name), end) for name in TRACKED]) for end in ("low", "high"))
@@ -61,6 +62,15 @@ def test_the_message_byte_by_byte():
     assert heard.points == pytest.approx((*range(1, 10), 0.0, 0.0, math.pi))
     reach = encode_points(8, (0.0, 0.0, 0.0), (1, 2, 3))
     assert len(reach) == 76 and reach[6:8] == b"\1\0" and decode(reach)[1].points == (1, 2, 3)
+
+
+def test_points_may_be_arrays_and_none_is_left_out_unsaid():
+    places = np.arange(1.0, 10.0).reshape(3, 3)
+    message = encode_points(7, np.array([0.25, -0.5, 1.0]), *places, np.array([0.0, 0.0, 0.0, 1.0]))
+    assert message == encode_points(7, (0.25, -0.5, 1.0), (1, 2, 3), (4, 5, 6), (7, 8, 9), (0, 0, 0, 1))
+    for some in ((places[1],), (None, places[2]), (places[1], places[2])):
+        with pytest.raises(ValueError, match="expected the right hand alone, or both hands, the head and its rotation"):
+            encode_points(7, (0.0, 0.0, 0.0), places[0], *some)
 
 
 def test_what_is_no_message_is_none():
@@ -110,6 +120,22 @@ def test_a_point_goes_on_and_slows_down(guard):
     assert guard.values[0, 2] == pytest.approx(1.5) and guard.ahead(np.array([0.34]))[0, 0, 2] == 1.5
 
 
+def test_points_are_above_the_floor_wherever_that_is(folder, stand):
+    """On a floor 1 m lower, the actor sees the same numbers."""
+    low, seen = stand.goals.setting, []
+    moved = {name: getattr(low, name) - [0.0, 0.0, 1.0] for name in ("root_pos_w", "body_pos_w")}
+    for standing in (low, replace(low, scene=Scene(floor_m=-1.0), **moved)):
+        hand, points = Hand(), PointGuard(SETTINGS.goals, ROBOT, standing)
+        goal = SteerGoal("udp", hand, standing, GoalGuard(SETTINGS.goals, PERIOD_S), points)
+        actor = load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor
+        run = ActorRun(actor, ROBOT, SETTINGS.entry, goal)
+        run.start()
+        hand.steer = Steer(0.2, 0.0, 0.1, points=HANDS_OUT)
+        seen.append([run.act(state()).observation["obs"] for _ in range(30)])
+    assert seen[1][-1] == pytest.approx(seen[0][-1], abs=1e-6)
+    assert seen[0][-1][column("goal_point", "right_hand")][2] == pytest.approx(1.0)
+
+
 SILENCES = [NOBODY, Steer(0.1, 0.0, 0.0, 0.26, HANDS_OUT), Steer(0.1, 0.0, 0.0, 0.0, (math.nan,) * 3)]
 
 
@@ -137,11 +163,11 @@ def test_where_nobody_is_heard_all_comes_to_rest_and_is_over_after_two_seconds(s
         goal.next(0.0)
     assert not goal.resting
     hand.steer = silence
-    for _ in range(25):
-        goal.next(0.0)
+    shown = [goal.next(0.0) for _ in range(25)]
     assert guard.rested and np.array_equal(guard.values, rest) and not goal.finished
-    shown = [goal.next(0.0) for _ in range(75)][-1]
-    assert goal.finished and np.array_equal(shown.visible, visible_in("vr3"))
+    assert np.array_equal(shown[0].visible, visible_in("vr3"))
+    shown = [goal.next(0.0) for _ in range(75)]
+    assert goal.finished and np.array_equal(shown[-1].visible, visible_in("full"))
     goal.start()
     hand.steer = Steer(0.0, 0.0, 0.0)
     assert np.array_equal(goal.next(0.0).visible, visible_in("steer")) and not goal.finished

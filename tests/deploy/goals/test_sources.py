@@ -168,7 +168,7 @@ def test_a_square_comes_round(folder, stand):
     goal = scripted(folder, stand, SQUARE)
     yaw, rows = 0.0, []
     while not goal.finished:
-        rows.append(goal.next(yaw).reference.steering[1])
+        rows.append(steering_of(goal.next(yaw))[1])
         yaw = rows[-1][3]
     speeds = np.array(rows)
     assert len(rows) == 4 * (100 + 79) + 50 and speeds[-1, 3] == pytest.approx(4 * 79 * 0.02, abs=1e-9)
@@ -177,11 +177,16 @@ def test_a_square_comes_round(folder, stand):
     assert not speeds[-1, :3].any()
 
 
+def steering_of(shown):
+    """(K, 4), its heading from where the robot looked at first."""
+    return np.add(shown.reference.steering, [0.0, 0.0, 0.0, shown.turn_rad])
+
+
 def walked(goal, follows=True):
     """Place (x, y) and steering (4,) of each tick until the end, of a robot that does what it is asked, or stays."""
     place, yaw_rad, rows = 0j, 0.0, []
     while not goal.finished:
-        steering = goal.next(yaw_rad).reference.steering
+        steering = steering_of(goal.next(yaw_rad))
         place += PERIOD_S * (steering[1, 0] + 1j * steering[1, 1]) * np.exp(0.5j * (steering[0, 3] + steering[1, 3]))
         rows.append([place.real, place.imag, *steering[1]])
         yaw_rad = steering[1, 3] if follows else 0.0
@@ -302,7 +307,12 @@ BAD = [
     ("steps: [{for_s: 1.0}, {for_s: 2.0, forward: 0.7}]", r"steps\[1\]\.forward: out of range, got 0\.7, expected a n"),
     ("steps: [{for_s: 1.0, turn: .nan}]", r"steps\[0\]\.turn: not finite"),
     ("steps: [{clip: stand, left: 0.1}]", r"steps\[0\]: speeds or reach beside a clip"),
-    ("steps: [{clip: stand, kind: vr4}]", r"steps\[0\]: no such kind of goal, got vr4"),
+    (
+        "steps: [{clip: stand, kind: vr4}]",
+        r"steps\[0\]\.kind: no such kind of goal, got vr4, expected one of full, body",
+    ),
+    ("steps: [{clip: stand, kind: none}]", r"steps\[0\]\.kind: no such kind of goal, got none"),
+    ("steps: [{for_s: 1.0, kind: vr3}]", r"steps\[0\]\.kind: no clip that it belongs to, got vr3, expected clip"),
     ("steps: [{for_s: 2.0, turn: 0.1}]", r"steps\[0\]: not at rest before what follows; put \{for_s: 1\.0\}"),
     ("steps: [{for_s: 2.0, turn: 0.1}, {for_s: 0.9}, {clip: stand}]", r"steps\[1\]: not at rest before what follows"),
     ("steps: [{for_s: 1.0, sped: 0.1}]", r"steps\[0\]\.sped: unknown key"),

@@ -35,11 +35,12 @@ def test_what_is_no_message_is_counted_and_ignored(port, sender):
     port.next()
     good = encode(2, 0.0, 0.0, 0.0)
     bad = [b"", good[:-1], good + b"x", b"kata" + good[4:], good[:4] + b"\2\0" + good[6:]]
+    bad += [good[:6] + b"\1\0" + good[8:]]
     bad += [encode(2, math.nan, 0.0, 0.0), encode(2, 0.0, math.inf, 0.0), b"x" * 1400]
     for datagram in bad:
         sender.raw(datagram)
         assert port.next().forward_m_s == 0.25
-    assert port.counts == {"taken": 1, "malformed": 8, "late": 0}
+    assert port.counts == {"taken": 1, "malformed": 9, "late": 0}
 
 
 def test_what_was_sent_before_is_late_until_the_sender_has_been_silent(port, sender):
