@@ -43,6 +43,7 @@ def seen(window, yaw_rad=0.4):
             joint_pos_rad=ROBOT.default_pos_rad,
             joint_vel_rad_s=np.zeros(23),
             last_action=np.zeros(23),
+            filtered_gravity_b=np.array([0.0, 0.0, -1.0]),
             phase=np.zeros(1),
             default_pos_rad=ROBOT.default_pos_rad,
             reference=window,
