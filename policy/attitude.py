@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from core.rotations import cross, normalize
+from core.rotations import array_module, cross, normalize
 
 Array = Any  # np.ndarray or torch.Tensor
 
@@ -22,9 +22,10 @@ def filtered_gravity(before: Array, gravity_b: Array, ang_vel_b: Array, ticks: A
         before: (..., 3) of the tick before.
         gravity_b: (..., 3) measured direction.
         ang_vel_b: (..., 3) measured angular velocity, rad/s.
-        ticks: (...) since the filter began; at 0 ``before`` does not count.
+        ticks: (...) since the filter began; at 0 ``before`` may be anything, NaN too.
         control_period_s: of a tick.
     """
-    turned = before + control_period_s * cross(before, ang_vel_b)
+    known = array_module(gravity_b).where((ticks > 0)[..., None], before, gravity_b)
+    turned = known + control_period_s * cross(known, ang_vel_b)
     share = (1.0 / (1.0 + ticks)).clip(min=control_period_s / TIME_CONSTANT_S)[..., None]
     return normalize(turned + share * (gravity_b - turned))

@@ -39,8 +39,8 @@ class SensingSettings:
         within("environment.sensing.delay_s[1]", self.delay_s[1], 0.0, MOST_DELAY_S)
 
     @property
-    def steady(self) -> bool:
-        """Whether nothing is drawn for an episode."""
+    def unbiased(self) -> bool:
+        """Whether noise is all that is wrong."""
         return not (self.encoder_offset_rad or self.heading_drift_rad_s or self.delay_s[1])
 
 
@@ -149,7 +149,7 @@ class Sensors:
 
     def begin(self, state: "EnvState", env_ids: torch.Tensor, scale: float) -> None:
         """Draw those of new episodes; ``scale``: the width of the randomisation."""
-        if self._settings.steady:
+        if self._settings.unbiased:
             return
         like = state.sensing.rows(env_ids)
         state.sensing.write(
@@ -160,7 +160,7 @@ class Sensors:
     def senses(self, state: "EnvState", rows: torch.Tensor, scale: float, generator: torch.Generator) -> Senses:
         """What they make of the robots ``rows`` (n,) now, with ``scale`` times the noise."""
         seen = senses_of(state.physics.rows(rows))
-        if not self._settings.steady:
+        if not self._settings.unbiased:
             age_s = self._control_period_s * state.episode_steps[rows]
             seen = state.sensing.rows(rows).sense(seen, state.sensed_before.rows(rows), age_s)
         return seen.noisy(self._settings.noise, scale, generator)
