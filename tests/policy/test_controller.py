@@ -132,6 +132,28 @@ def test_reset_forgets_everything(tmp_path):
     assert targets_of([controller.act(**s) for s in states]).tolist() == first.tolist()
 
 
+def filtered_by_hand(states) -> np.ndarray:
+    """Directions of gravity (T, 3): turned by the gyroscope, then drawn to what is measured, at last by 1/25 of the way."""
+    found = []
+    for tick, s in enumerate(states):
+        measured, (x, y, z) = rotate_inverse(s["base_quat_wxyz"], np.array([0.0, 0.0, -1.0])), s["base_ang_vel_b"]
+        before = found[-1] if found else measured
+        turned = before - 0.02 * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ before
+        mixed = turned + max(1.0 / (1 + tick), 1.0 / 25.0) * (measured - turned)
+        found.append(mixed / np.linalg.norm(mixed))
+    return np.array(found)
+
+
+def test_filtered_gravity_is_that_of_all_states_since_the_last_reset(tmp_path):
+    robot, states = toy_robot(), random_states(40)
+    spec = toy_spec(**changed_term(5, term="filtered_gravity"))
+    controller = PolicyController(load_actor(write_actor(tmp_path / "a.onnx", spec), robot), robot)
+    for part in (states, states[7:20]):
+        seen = np.array([controller.act(**s).observation["obs"][-3:] for s in part])
+        np.testing.assert_allclose(seen, filtered_by_hand(part), atol=1e-6)
+        controller.reset()
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_state_that_is_not_finite_shows_in_the_action(tmp_path, bad):
     """An infinite speed would otherwise be clipped to an ordinary number before the graph."""
