@@ -133,7 +133,7 @@ def test_reset_forgets_everything(tmp_path):
 
 
 def filtered_by_hand(states) -> np.ndarray:
-    """Directions of gravity (T, 3): turned by the gyroscope, then drawn to what is measured, at last by 1/25 of the way."""
+    """Directions of gravity (T, 3): turned by the gyroscope, then drawn to what is measured, at last by 1/25."""
     found = []
     for tick, s in enumerate(states):
         measured, (x, y, z) = rotate_inverse(s["base_quat_wxyz"], np.array([0.0, 0.0, -1.0])), s["base_ang_vel_b"]

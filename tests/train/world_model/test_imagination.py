@@ -1,12 +1,15 @@
 """What is imagined is what the environment does: observations, actions, targets, delays, torques."""
 
+import copy
 import dataclasses
+from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
 import torch
 
 from policy.action import decode_action
+from policy.attitude import filtered_gravity
 from policy.goals import bits_of
 from robot.robot import load_robot
 from tests.train.world_model.small import iterate, small
@@ -16,6 +19,7 @@ from train.simulation.domain import nominal_domain
 from train.world_model.context import context_of, packed_context
 from train.world_model.cost import terms_of, total
 from train.world_model.state import motion_of, pack, reference_motion, unpack
+from world.options import SensorNoise
 
 ROBOT = load_robot()
 SENSING = [
@@ -55,6 +59,47 @@ def test_at_a_start_the_policy_sees_what_the_environments_actor_sees(parts, star
     off[older[:, None] & torch.isin(torch.arange(off.shape[1]), filtered)] = 0.0
     assert off.max() < 3e-4  # how late sensors are is kept in half precision
     assert (pack(motion) - pack(motion_of(env.state.physics))).abs().max() < 1e-6
+
+
+class _Watched:
+    """A policy that keeps what it sees."""
+
+    def __init__(self, policy) -> None:
+        self.network, self.added, self._policy, self.seen = policy.network, policy.added, policy, []
+
+    def wish(self, state, encoded):
+        self.seen.append(state)
+        return self._policy.wish(state, encoded)
+
+
+def test_imagined_filters_go_on_with_what_is_measured(parts, start):
+    env, _, _, learning = parts
+    learning.model.prepare()
+    learning.averaged.prepare()
+    watched, columns = _Watched(learning.averaged), env.layout["actor"]
+    with torch.no_grad():
+        learning._imagination.play(watched, learning.model, start, noisy=True)
+    ticks = start.age.clamp(max=len(start.past.pos_w) - 1)
+    for k, (before, now) in enumerate(pairwise(watched.seen)):
+        gravity_b, ang_vel_b = now[:, columns["projected_gravity[0]"]], now[:, columns["base_ang_vel[0]"]] / 0.25
+        last = before[:, columns["filtered_gravity[0]"]]
+        expected = filtered_gravity(last, gravity_b, ang_vel_b, ticks + k + 1, CONTROL_PERIOD_S)
+        assert torch.allclose(now[:, columns["filtered_gravity[0]"]], expected, atol=1e-6)
+        assert torch.equal(now[:, columns["filtered_gravity[1]"]], last) and (expected - last).abs().max() > 1e-3
+
+
+def test_imagined_sensors_have_the_noise_of_the_settings_in_all_that_is_computed_of_them(parts, start):
+    env, _, observations, learning = parts
+    imagination = copy.copy(learning._imagination)
+    imagination._noise = SensorNoise(joint_pos_rad=0.1, joint_vel_rad_s=2.0, ang_vel_rad_s=0.5, gravity=0.2)
+    (state, *_), columns = imagination.first_sight(start), env.layout["actor"]
+    off = {name: state[:, part] - observations["actor"][:, part] for name, part in columns.items() if part.stop < 600}
+    for name, width in (("dof_pos", 0.1), ("dof_vel", 2.0 * 0.05), ("base_ang_vel", 0.5 * 0.25)):
+        for lag in (0, 3):
+            largest = off[f"{name}[{lag}]"].abs().max()
+            assert 0.8 * width < largest < width + 3e-4
+    assert 0.1 < off["projected_gravity[0]"][:, :2].abs().max() < 0.25
+    assert torch.allclose(off["reference_joint_error[0]"], -off["dof_pos[0]"], atol=3e-4)
 
 
 def test_the_imagined_torque_is_that_of_the_exported_policys_action(parts, start):
