@@ -152,6 +152,7 @@ class Typist(threading.Thread):
             self.seen.append(set(events(self.rig)) - {"identify", "close"})
 
 
+@pytest.mark.real_time
 def test_a_robot_is_taken_by_a_typed_word_and_by_nothing_less(rig, capsys, monkeypatch):
     typist = Typist(
         rig,
@@ -169,6 +170,7 @@ def test_a_robot_is_taken_by_a_typed_word_and_by_nothing_less(rig, capsys, monke
     assert "STAND_UP" in capsys.readouterr().out
 
 
+@pytest.mark.real_time
 def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch):
     """The terminal closes while the robot stands up; the device sees damping a second later, and not before."""
     settings = yaml.safe_load((rig.folder / "patient.yaml").read_text())
@@ -188,6 +190,7 @@ def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig,
     assert rows[-1][1] == "DAMP" and 0.8 < driven[-1] - driven[0] < 3.0
 
 
+@pytest.mark.real_time
 def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monkeypatch):
     real = hal.open.wire_factory
     monkeypatch.setattr(hal.open, "wire_factory", lambda name, config, endpoints: real(name, config, {"A": ""}))
