@@ -1,8 +1,9 @@
 #!/usr/bin/env -S python3 -P
 """Kills and stops the loop, the wire process and both, in every state, on every wire: how long until all is damped.
 
-The emulator judges: the time from the signal until its last motor was told to damp for good. Each trial is a robot on
-its gantry; the loop is patient with late states, so that a busy machine does not end a trial before its signal.
+The emulator judges: the time from the signal until its last motor was told to damp for good, in the robot's seconds,
+which last longer where the machine cannot keep up. Each trial is a robot on its gantry; the loop is patient with late
+states, so that a busy machine does not end a trial before its signal.
 """
 
 import argparse
@@ -14,11 +15,11 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from core import robot_time as time
 from core.arguments import ArgumentParser
 from core.clock import MonotonicClock
 from core.command import guarded
@@ -29,6 +30,7 @@ from deploy.control.states import Request
 from deploy.operator.console import Console
 from deploy.operator.voice import Voice
 from deploy.settings import load_settings
+from hal.emulator.control import ControlClient
 from hal.emulator.launch import Emulator, launch_emulator
 from hal.host_watch import HostWatch
 from hal.open import open_backend, wire_config
@@ -67,8 +69,15 @@ class Words:
         return ()
 
 
-def loop(wire: str, endpoints: Mapping[str, str]) -> None:
-    """What is struck: the loop of deploy/run on an emulator that is there already."""
+class ElsewhereLaunched(Emulator):
+    """The emulator of the process that strikes: what a loop needs of it."""
+
+    def __init__(self, endpoints: Mapping[str, str], control: str) -> None:
+        self.endpoints, self.control = dict(endpoints), ControlClient(control)
+
+
+def loop(wire: str, emulator: Emulator) -> None:
+    """What is struck: the loop of deploy/run on an emulator that is there already. First it says its pace."""
     robot, settings, clock = load_robot(), load_settings(), MonotonicClock()
     safety = settings.safety
     stale = replace(safety.stale, limit_periods=PATIENT_PERIODS, trip_periods=PATIENT_PERIODS)
@@ -76,7 +85,8 @@ def loop(wire: str, endpoints: Mapping[str, str]) -> None:
     settings = replace(settings, safety=replace(safety, stale=stale, inference_overrun=overrun))
     actors = [load_run(name, None, robot, settings.entry) for name in ("taichi", "stand")]
     cell = Cell(robot, settings, actors[:1], actors[1])
-    with open_backend(wire, robot, clock, endpoints=endpoints) as backend, realtime(lambda _: None):
+    with open_backend(wire, robot, clock, emulator=emulator) as backend, realtime(lambda _: None):
+        print(json.dumps(time.pace()), flush=True)
         time.sleep(DRIVES_S)
         console = Console(Voice(), backend, clock, refusals=False)
         print("IDLE", flush=True)
@@ -85,10 +95,14 @@ def loop(wire: str, endpoints: Mapping[str, str]) -> None:
 
 @contextlib.contextmanager
 def started(wire: str, emulator: Emulator) -> Iterator["subprocess.Popen[str]"]:
-    """The loop's process; at the end nothing of it is left."""
-    command = [sys.executable, "-P", __file__, "--loop", wire, json.dumps(emulator.endpoints)]
+    """The loop's process, whose pace is this one's too; at the end nothing of it is left."""
+    there = (json.dumps(emulator.endpoints), emulator.control.address)
+    command = [sys.executable, "-P", __file__, "--loop", wire, *there]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
     try:
+        if pace := process.stdout.readline():
+            time.follow(time.Pace(*json.loads(pace)))
         yield process
     finally:
         process.kill()
@@ -96,7 +110,7 @@ def started(wire: str, emulator: Emulator) -> Iterator["subprocess.Popen[str]"]:
         end_s = time.monotonic() + END_S
         while set(emulator.control.status()["mode"].values()) != {"slack"} and time.monotonic() < end_s:
             time.sleep(0.05)
-        emulator.control.reset()
+        time.follow(time.Pace())
 
 
 def trial(wire: str, emulator: Emulator, number: signal.Signals, struck: Sequence[str], state: str) -> float | None:
@@ -123,7 +137,7 @@ def trial(wire: str, emulator: Emulator, number: signal.Signals, struck: Sequenc
 def _reached(process: "subprocess.Popen[str]", state: str) -> bool:
     """Ask for what leads to a state, one after the other. A loop that does not get there is killed."""
     assert process.stdin is not None
-    patience = threading.Timer(PATIENCE_S, process.kill)
+    patience = threading.Timer(time.machine_s(PATIENCE_S), process.kill)
     patience.start()
     try:
         there = _heard(process, "IDLE")
@@ -147,15 +161,15 @@ def _heard(process: "subprocess.Popen[str]", line: str) -> bool:
 def trials(host: HostWatch, wires: Sequence[str], states: Sequence[str]) -> Iterator[tuple[str, float | None]]:
     """Every trial by its name. One that the state was not reached for, or the host paused in, is tried again."""
     for wire in wires:
-        with launch_emulator(wire, wire_config(wire)) as emulator:
-            for (how, number), (to, struck), state in itertools.product(SIGNALS.items(), STRUCK.items(), states):
-                for _ in range(TRIES):
-                    begun_s = time.monotonic()
+        for (how, number), (to, struck), state in itertools.product(SIGNALS.items(), STRUCK.items(), states):
+            for _ in range(TRIES):
+                begun_s = time.monotonic()
+                with launch_emulator(wire, wire_config(wire)) as emulator:
                     value_s = trial(wire, emulator, number, struck, state)
-                    if value_s is not None and (value_s <= BOUND_S or not host.longest_s(begun_s)):
-                        break
-                print(f"{wire:10} {how:8} {to:5} {state:9} {_cell(value_s):>11}", flush=True)
-                yield f"{wire}, {how}, {to}, {state}", value_s
+                if value_s is not None and (value_s <= BOUND_S or not host.longest_s(begun_s)):
+                    break
+            print(f"{wire:10} {how:8} {to:5} {state:9} {_cell(value_s):>11}", flush=True)
+            yield f"{wire}, {how}, {to}, {state}", value_s
 
 
 def table(found: Mapping[str, float | None]) -> list[str]:
@@ -178,10 +192,11 @@ def main() -> int:
     parser.add_argument("--wire", action="append", choices=WIRES, help="repeatable; all of them")
     parser.add_argument("--state", action="append", choices=tuple(STATES), help="repeatable; all of them")
     parser.add_argument("--json", type=Path, metavar="F")
-    parser.add_argument("--loop", nargs=2, metavar=("WIRE", "ENDPOINTS"), help=argparse.SUPPRESS)
+    parser.add_argument("--loop", nargs=3, metavar=("WIRE", "ENDPOINTS", "CONTROL"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.loop:
-        loop(options.loop[0], json.loads(options.loop[1]))
+        wire, endpoints, control = options.loop
+        loop(wire, ElsewhereLaunched(json.loads(endpoints), control))
         return 0
     check_output_file("--json", options.json)
     with contextlib.closing(HostWatch()) as host:

@@ -24,6 +24,11 @@ class Pace(NamedTuple):
 _pace = Pace()
 
 
+def pace() -> Pace:
+    """The pace that this process goes by."""
+    return _pace
+
+
 def monotonic() -> float:
     """Robot time now, s. It runs like the machine's monotonic clock until a pace is followed."""
     return _robot_s(time.monotonic())

@@ -9,6 +9,7 @@ from sim2sim.episode import EpisodeScore
 from sim2sim.parallel import Job, default_workers, play_all
 from sim2sim.player import Player
 from sim2sim.request import EvaluationRequest
+from world.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,7 @@ class Run:
     """The episodes of one policy with one clip, in order; `document` is their JSON object."""
 
     name: str
+    scene: Scene
     episodes: Sequence[EpisodeScore]
     document: dict[str, Any]
 
@@ -59,5 +61,6 @@ def evaluate(
     runs = []
     for index, (name, run) in enumerate(zip(player.names(), player.runs, strict=True)):
         episodes = [scores[index, episode] for episode in range(request.episodes)]
-        runs.append(Run(name, episodes, run_document(run.actor.sha256, run.name, request.sim, episodes)))
+        document = run_document(run.actor.sha256, run.name, request.sim, episodes)
+        runs.append(Run(name, run.scene, episodes, document))
     return Evaluation(request, player, runs)

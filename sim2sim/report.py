@@ -1,6 +1,7 @@
 """One HTML file that holds an evaluation: scores with their definitions, plots, pictures. Needs nothing beside it."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from sim2sim import plots
 from sim2sim.definitions import AVERAGING, SUCCESS, SURVIVAL, scores_in
 from sim2sim.evaluation import Evaluation, Run
 from sim2sim.table import format_value, percent
-from sim2sim.video import open_stage, strip
+from sim2sim.video import open_stages, strip
 from view import page as part
 
 
@@ -39,11 +40,14 @@ def _pictures(evaluation: Evaluation, meshes: Path | None) -> list[Picture]:
     if not runs:
         return []
     period_s, robot = evaluation.player.period_s, evaluation.player.robot
-    with open_stage(robot, meshes) as stage:
-        strips = [
-            Picture(f"{name}: first episode, the reference shown through", plots.picture_png(strip(stage, episodes[0])))
-            for name, episodes in runs.items()
-        ]
+    scenes = {run.name: run.scene for run in evaluation.runs}
+    with ExitStack() as stack:
+        stages = open_stages(evaluation, meshes, stack)
+        drawn = {name: strip(stages[scenes[name]], episodes[0]) for name, episodes in runs.items()}
+    strips = [
+        Picture(f"{name}: first episode, the reference shown through", plots.picture_png(pixels))
+        for name, pixels in drawn.items()
+    ]
     return [
         Picture("Along the clip", plots.error_over_time(runs, period_s)),
         Picture("Survival", plots.survival_over_time(everyone, period_s)),

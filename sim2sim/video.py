@@ -1,20 +1,22 @@
 """Pictures of played episodes: the robot with its reference shown through, beside the reference alone."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
 from core.errors import InputError
-from robot.robot import Robot
 from sim2sim.episode import EpisodeScore
 from sim2sim.evaluation import Evaluation
 from view.filmstrip import filmstrip
 from view.stage import Stage
 from view.video import VideoWriter
+from world.scene import Scene
 
 PANEL_WIDTH, PANEL_HEIGHT = 480, 480
 STRIP_PICTURES, STRIP_COLUMNS = 8, 4
+Shown = tuple[Stage, EpisodeScore]
 
 
 def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) -> None:
@@ -22,19 +24,25 @@ def write_video(path: Path, evaluation: Evaluation, meshes: Path | None = None) 
 
     meshes: folder of the maker's, see world.model.
     """
-    episodes = [run.episodes[0] for run in evaluation.runs if len(run.episodes[0].qpos)]
-    if not episodes:
+    runs = [run for run in evaluation.runs if len(run.episodes[0].qpos)]
+    if not runs:
         raise InputError("nothing to show: no episode reached the motion", where=path)
     fps = round(0.5 / evaluation.player.period_s)
-    size = (PANEL_WIDTH * (len(episodes) + 1), PANEL_HEIGHT)
-    with open_stage(evaluation.player.robot, meshes) as stage, VideoWriter(path, fps, size) as video:
-        for frame in _side_by_side(stage, episodes):
+    size = (PANEL_WIDTH * (len(runs) + 1), PANEL_HEIGHT)
+    with ExitStack() as stack:
+        stages = open_stages(evaluation, meshes, stack)
+        video = stack.enter_context(VideoWriter(path, fps, size))
+        for frame in _side_by_side([(stages[run.scene], run.episodes[0]) for run in runs]):
             video.add(frame)
 
 
-def open_stage(robot: Robot, meshes: Path | None = None) -> Stage:
-    """Draws panels. meshes: folder of the maker's, see world.model."""
-    return Stage(robot, PANEL_WIDTH, PANEL_HEIGHT, meshes)
+def open_stages(evaluation: Evaluation, meshes: Path | None, stack: ExitStack) -> dict[Scene, Stage]:
+    """What draws a panel, for each scene of an evaluation; ``stack`` closes them."""
+    robot = evaluation.player.robot
+    return {
+        scene: stack.enter_context(Stage(robot, PANEL_WIDTH, PANEL_HEIGHT, scene=scene, meshes=meshes))
+        for scene in dict.fromkeys(run.scene for run in evaluation.runs)
+    }
 
 
 def strip(stage: Stage, episode: EpisodeScore) -> np.ndarray:
@@ -44,10 +52,10 @@ def strip(stage: Stage, episode: EpisodeScore) -> np.ndarray:
     return filmstrip(pictures, columns=STRIP_COLUMNS)
 
 
-def _side_by_side(stage: Stage, episodes: Sequence[EpisodeScore]) -> Iterator[np.ndarray]:
+def _side_by_side(shown: Sequence[Shown]) -> Iterator[np.ndarray]:
     """An episode that ended early stays at its last pose."""
-    longest = max(episodes, key=lambda episode: len(episode.qpos))
+    stage, longest = max(shown, key=lambda one: len(one[1].qpos))
     for row in range(0, len(longest.qpos), 2):
-        rows = [min(row, len(episode.qpos) - 1) for episode in episodes]
-        panels = [stage.picture(episode.qpos[i], episode.ref_qpos[i]) for episode, i in zip(episodes, rows)]
+        rows = [min(row, len(episode.qpos) - 1) for _, episode in shown]
+        panels = [stage.picture(episode.qpos[i], episode.ref_qpos[i]) for (stage, episode), i in zip(shown, rows)]
         yield np.concatenate([*panels, stage.picture(longest.ref_qpos[row])], axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import TracebackType
 from typing import NamedTuple, Self
 
@@ -41,9 +42,10 @@ class SoftwareRenderer:
         y = (0.5 * height - np.arange(height) - 0.5) / self._focal_px
         rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], -1.0))
         self._rays = (rays / np.linalg.norm(rays, axis=0)).astype(np.float32)
-        shown = (model.geom_group < _VISIBLE_GROUPS) & (model.geom_bodyid > 0)
+        shown = (model.geom_group < _VISIBLE_GROUPS) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
         self._colours = _colours(model)
         self._geoms = [int(geom) for geom in np.flatnonzero(shown & (self._colours[:, 3] > 0))]
+        self._moving = [geom for geom in self._geoms if model.geom_bodyid[geom] > 0]
         self._primitives = [geom for geom in self._geoms if int(model.geom_type[geom]) in SHAPES]
         self._floor_m = floor_m(model)
 
@@ -59,14 +61,14 @@ class SoftwareRenderer:
         eye, turn = (camera or Camera()).pose(data)
         rays = np.tensordot(turn.astype(np.float32), self._rays, 1)
         picture, depth = self._ground(eye, turn, rays, data)
-        robot = self._draw(eye, turn, rays, data, self._colours)
-        near = robot.depth < depth
-        picture, depth = np.where(near, robot.colour, picture), np.minimum(depth, robot.depth)
+        solid = self._draw(eye, turn, rays, data, self._colours, self._geoms)
+        near = solid.depth < depth
+        picture, depth = np.where(near, solid.colour, picture), np.minimum(depth, solid.depth)
         if ghost_qpos is not None:
             self._ghost.qpos[:] = ghost_qpos
             mujoco.mj_kinematics(self._model, self._ghost)
             tint = np.broadcast_to(np.array([*GHOST_RGBA[:3], 1.0]), self._colours.shape)
-            ghost = self._draw(eye, turn, rays, self._ghost, tint)
+            ghost = self._draw(eye, turn, rays, self._ghost, tint, self._moving)
             share = np.where(ghost.depth < depth, 1.4 * GHOST_RGBA[3], 0.0)
             picture = share * ghost.colour + (1.0 - share) * picture
         return (np.clip(picture, 0.0, 1.0).transpose(1, 2, 0) * 255.0).astype(np.uint8)
@@ -83,13 +85,19 @@ class SoftwareRenderer:
         self.close()
 
     def _draw(
-        self, eye: np.ndarray, turn: np.ndarray, rays: np.ndarray, data: mujoco.MjData, colours: np.ndarray
+        self,
+        eye: np.ndarray,
+        turn: np.ndarray,
+        rays: np.ndarray,
+        data: mujoco.MjData,
+        colours: np.ndarray,
+        geoms: Sequence[int],
     ) -> _Layer:
-        """Every shape, the nearest one at each pixel."""
+        """Of the shapes ``geoms``, the nearest one at each pixel."""
         depth = np.full(self._size, np.inf, dtype=np.float32)
         normal = np.zeros((3, *self._size), dtype=np.float32)
         owner = np.zeros(self._size, dtype=np.intp)
-        for geom in self._geoms:
+        for geom in geoms:
             place, turned = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
             window = self._window(eye, turn, place, self._model.geom_rbound[geom])
             if window is None:

@@ -1,4 +1,4 @@
-"""Draws poses of a robot: the kinematics only, no physics."""
+"""Draws poses of a robot in its scene: the kinematics only, no physics."""
 
 from pathlib import Path
 from types import TracebackType
@@ -11,19 +11,27 @@ from robot.robot import Robot
 from view.camera import Camera
 from view.renderer import open_renderer
 from world.model import compile_model
+from world.scene import FLAT, Scene
 
 
 class Stage:
-    """Pictures of ``width`` x ``height`` pixels of ``robot`` in any pose, with the maker's meshes where given.
+    """Pictures of ``width`` x ``height`` pixels of ``robot`` in any pose in ``scene``.
 
-    ``plain``: coarser shadows and edges in less than half the time, for films. A context manager. Raises InputError on
-    meshes that cannot be used or a renderer that does not work here.
+    ``meshes``: the maker's, see world.model. ``plain``: coarser shadows and edges in less than half the time, for
+    films. A context manager. Raises InputError on meshes that cannot be used or a renderer that does not work here.
     """
 
     def __init__(
-        self, robot: Robot, width: int, height: int, meshes: Path | None = None, *, plain: bool = False
+        self,
+        robot: Robot,
+        width: int,
+        height: int,
+        *,
+        scene: Scene = FLAT,
+        meshes: Path | None = None,
+        plain: bool = False,
     ) -> None:
-        self._model = compile_model(robot, timestep_s=0.001, meshes=meshes)
+        self._model = compile_model(robot, timestep_s=0.001, scene=scene, meshes=meshes)
         if plain:
             self._model.vis.quality.shadowsize, self._model.vis.quality.offsamples = 1024, 0
         self._data = mujoco.MjData(self._model)

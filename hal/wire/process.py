@@ -122,6 +122,7 @@ class WireProcess:
         elif request == "report":
             self._reply(self._report())
         elif isinstance(request, time.Pace):
+            self._standby.follow(request)
             time.follow(request)
 
     def _report(self) -> dict[str, Any]:

@@ -31,7 +31,10 @@ def film(clip: Clip, robot: Robot, path: Path, on_picture: Callable[[int, int], 
     rate = min(clip.fps, MAX_PICTURES_PER_S)
     times_s = np.arange(int(clip.duration_s * rate + 1e-9) + 1) / rate
     poses = _poses(clip, robot, times_s)
-    with Stage(robot, SIZE_PX, SIZE_PX, plain=True) as stage, VideoWriter(path, rate, (2 * SIZE_PX, SIZE_PX)) as video:
+    with (
+        Stage(robot, SIZE_PX, SIZE_PX, scene=clip.scene, plain=True) as stage,
+        VideoWriter(path, rate, (2 * SIZE_PX, SIZE_PX)) as video,
+    ):
         plot = joint_plot(trace, robot)
         for number, (qpos, time_s) in enumerate(zip(poses, times_s, strict=True), start=1):
             marked = with_cursor(plot, time_s / clip.duration_s)

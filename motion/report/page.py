@@ -70,7 +70,7 @@ def figure_text(value: Any) -> str:
 def strip_of(trace: Trace, robot: Robot) -> np.ndarray:
     """Pictures of the robot at equal distances through the clip, in two rows: (H,W,3) uint8."""
     frames = np.linspace(0, len(trace.qpos) - 1, STRIP_PICTURES).round().astype(int)
-    with Stage(robot, STRIP_SIZE_PX, STRIP_SIZE_PX) as stage:
+    with Stage(robot, STRIP_SIZE_PX, STRIP_SIZE_PX, scene=trace.scene) as stage:
         return filmstrip([stage.picture(trace.qpos[frame]) for frame in frames], columns=STRIP_COLUMNS)
 
 

@@ -26,7 +26,7 @@ class Slide:
 
 @dataclass(frozen=True)
 class Trace:
-    """N frames of a clip on its robot, J joints in the robot's order.
+    """N frames of a clip on its robot in its scene, J joints in the robot's order.
 
     qpos (N,7+J); joint_pos_rad (N,J); joint_vel_rad_s (N-1,J) from one frame to the next; body_pos_w (N,P,3) of the
     tracked points; lowest_sole_m (N,2) height of each sole's lowest point above what lies under it; penetration_m (N,)
@@ -35,6 +35,7 @@ class Trace:
     """
 
     fps: float
+    scene: Scene
     qpos: np.ndarray
     joint_pos_rad: np.ndarray
     joint_vel_rad_s: np.ndarray
@@ -60,6 +61,7 @@ def trace_clip(clip: Clip, robot: Robot) -> Trace:
     qpos = np.concatenate([clip.root_pos_w, clip.root_quat_wxyz, joint_pos], axis=1)
     return Trace(
         fps=clip.fps,
+        scene=clip.scene,
         qpos=qpos,
         joint_pos_rad=joint_pos,
         joint_vel_rad_s=np.diff(joint_pos, axis=0) * clip.fps,

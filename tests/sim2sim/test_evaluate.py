@@ -16,9 +16,9 @@ from sim2sim.cli import main
 from sim2sim.evaluation import evaluate
 from sim2sim.player import Player, run_names
 from sim2sim.request import EvaluationRequest
-from sim2sim.video import open_stage
 from tests.shared_data import SHARED, needs_shared_data
 from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
+from view.stage import Stage
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_the_lamp_shines_on_the_robot_wherever_it_is(still: str, monkeypatch: py
 
     monkeypatch.setattr("view.stage.open_renderer", lambda *_: Watcher())
     qpos = Player(request(still)).play(0, 0).qpos[0].astype(np.float64)
-    with open_stage(ROBOT) as stage:
+    with Stage(ROBOT, 64, 64) as stage:
         for x_m in (0.0, 5.0):
             qpos[0] = x_m
             stage.picture(qpos)
@@ -197,7 +197,7 @@ def test_the_makers_meshes_are_in_the_pictures(still: str) -> None:
     qpos = Player(request(still)).play(0, 0).qpos[0]
     pictures = []
     for meshes in (None, SHARED / "robot" / "meshes"):
-        with open_stage(ROBOT, meshes) as stage:
+        with Stage(ROBOT, 480, 480, meshes=meshes) as stage:
             pictures.append(stage.picture(qpos))
     changed = (pictures[0] != pictures[1]).any(axis=2)
     rows = np.flatnonzero(changed.any(axis=1))

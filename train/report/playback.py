@@ -17,6 +17,7 @@ from train.mdp.evaluator import fall_height_m
 from train.mdp.factory import build_environment
 from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
+from world.scene import Scene
 
 _SEED = 0
 
@@ -27,6 +28,7 @@ class Playback:
 
     Attributes:
         robot: who moved.
+        scene: and where.
         qpos: (T, 7+J) states 0..T-1, one a control period: root position, root quaternion wxyz, joints.
         ref_qpos: (K, 7+J) the same of the reference, for the whole clip.
         errors: Eg-mpbpe and Empbpe in mm, Empjpe in mrad: means over the steps.
@@ -35,6 +37,7 @@ class Playback:
     """
 
     robot: Robot
+    scene: Scene
     qpos: np.ndarray
     ref_qpos: np.ndarray
     errors: dict[str, float]
@@ -62,7 +65,9 @@ def play(run_dir: Path, config: TrainConfig) -> Playback:
     )  # fmt: skip
     qpos, errors, fell = _run(env, actor, reference.num_ticks)
     ref_qpos = np.concatenate([reference.root_pos_w, reference.root_quat_wxyz, reference.joint_pos_rad], axis=1)
-    return Playback(robot, qpos, ref_qpos[: reference.num_ticks], errors, fell, dict(actor.spec.provenance))
+    return Playback(
+        robot, reference.scene, qpos, ref_qpos[: reference.num_ticks], errors, fell, dict(actor.spec.provenance)
+    )  # fmt: skip
 
 
 def _quiet(settings: EnvironmentSettings, reference: Reference) -> EnvironmentSettings:

@@ -32,7 +32,10 @@ def film(playback: Playback, budget_s: float) -> Video:
 
     An episode that ends early stays at its last pose. Raises InputError where videos or pictures cannot be made here.
     """
-    with Stage(playback.robot, SIZE_PX, SIZE_PX, plain=True) as stage, tempfile.TemporaryDirectory() as folder:
+    with (
+        Stage(playback.robot, SIZE_PX, SIZE_PX, scene=playback.scene, plain=True) as stage,
+        tempfile.TemporaryDirectory() as folder,
+    ):
         stride = _stride(len(playback.ref_qpos), _pair_s(stage, playback), budget_s)
         path, rate = Path(folder) / "episode.mp4", 1.0 / (stride * CONTROL_PERIOD_S)
         with VideoWriter(path, rate, (2 * SIZE_PX, SIZE_PX)) as writer:

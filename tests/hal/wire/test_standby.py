@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from core import robot_time
 from hal.contract.types import LinkLost
-from hal.wire.standby import Silence
+from hal.wire.standby import SILENT_PERIODS, Silence
 from tests.hal.rigs import G1
 from tests.hal.wire.fake import fake_backend
-from tests.hal.wire.test_process import GRACE_S, drive, events, first_after, ready, start_loop, wait_until
+from tests.hal.wire.test_process import GRACE_S, PERIOD_S, drive, events, first_after, ready, start_loop, wait_until
 
 pytestmark = pytest.mark.real_time
 
@@ -118,6 +119,19 @@ def test_an_orderly_end_ends_the_standby_too(tmp_path):
         (standby,) = children(backend.process_id)
     assert not runs(standby)
     assert "STANDBY_DAMP" not in events(tmp_path / "journal")
+
+
+def test_a_standby_goes_by_the_pace_of_the_others(tmp_path):
+    """Three control periods are longer in a time that goes slower."""
+    factor, journal = 6.0, tmp_path / "journal"
+    with fake_backend(journal=journal) as backend:
+        ready(backend)
+        backend._send(robot_time.next_pace(factor))
+        drive(backend, 0.4)
+        os.kill(backend.process_id, signal.SIGSTOP)
+        struck_s = time.monotonic()
+        damped_s = wait_until(lambda: first_after(journal, "STANDBY_DAMP", struck_s))
+        assert damped_s - struck_s > 0.8 * SILENT_PERIODS * PERIOD_S * factor
 
 
 def test_silence_is_a_counter_that_stands_still():
