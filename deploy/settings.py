@@ -168,6 +168,7 @@ class OperatorSettings(Checked):
     chord_s: float
     remote_silent_s: float
     gamepad_silent_s: float
+    terminal_silent_s: float
     hold_after_s: float
     damp_after_s: float
 

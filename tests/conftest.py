@@ -21,6 +21,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="every trial on every wire, with strict bounds: 15 minutes on a quiet machine",
     )
+    parser.addoption(
+        "--slowed",
+        type=float,
+        default=1.0,
+        metavar="FACTOR",
+        help="with --all-wires: wires so many times slower, for a machine that does not keep up with its emulators",
+    )
 
 
 def pytest_xdist_auto_num_workers() -> int:

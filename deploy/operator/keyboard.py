@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from deploy.control.states import Request
+from deploy.operator.far_end import FarEnd
 from deploy.operator.keys import KEY_TABLE, KEYS
 from deploy.operator.sticks import STEER_TABLE, Sticks
 from deploy.operator.takeover import HOW, TAKING, WORD, Consent
@@ -28,7 +29,7 @@ class Keyboard:
     A context manager and a StopSource; leaving it restores the terminal. While it is ours, neither Ctrl-S nor Ctrl-Z
     stops anything but the keys. consent: on a robot. Each key is read alone then: what comes in several bytes, pasted
     text or an escape sequence, does nothing but stop, and consent is typed as a word. None: every character is a key.
-    sticks: what the keys for steering move; None where nothing is steered.
+    sticks: what the keys for steering move; None where nothing is steered. far_end: whom a terminal is asked for.
     """
 
     name = "keyboard"
@@ -40,17 +41,18 @@ class Keyboard:
         say: Callable[[str], None] = print,
         consent: Consent | None = None,
         sticks: Sticks | None = None,
+        far_end: FarEnd | None = None,
     ) -> None:
         self._fd = _standard_input() if fd is None else fd
-        self._say, self._consent, self._sticks = say, consent, sticks
+        self._say, self._consent, self._sticks, self._far_end = say, consent, sticks, far_end
         self._table = KEY_TABLE if sticks is None else f"{KEY_TABLE}   {STEER_TABLE}"
         self._before: list[Any] | None = None
         self._typed: str | None = None
 
     @property
     def live(self) -> bool:
-        """See StopSource: until the end of the file."""
-        return self._fd is not None
+        """See StopSource: until the end of the file, and while the far end is there."""
+        return self._fd is not None and (self._far_end is None or self._far_end.there)
 
     def __enter__(self) -> Self:
         if self._fd is not None and os.isatty(self._fd):
@@ -63,11 +65,16 @@ class Keyboard:
     ) -> None:
         if self._before is not None and self._fd is not None:
             with contextlib.suppress(termios.error):  # the terminal may have been closed
+                if self._far_end is not None:
+                    self._far_end.close(self._fd)
                 termios.tcsetattr(self._fd, termios.TCSANOW, self._before)
 
     def poll(self) -> Sequence[Request]:
         """See RequestSource."""
         data = self._read()
+        if self._far_end is not None:
+            self._far_end.ask()
+            data = self._far_end.without_answers(data)
         requests = self._requests(data)
         if self._sticks is not None:
             self._sticks.hear_keys(self.name, age_s=0.0 if self.live else math.inf)
@@ -140,6 +147,8 @@ class Keyboard:
             self._say(f"no keys: {error.args[-1]}")
             return
         self._before = before
+        if self._far_end is not None:
+            self._far_end.open(fd)
 
     def _read(self) -> bytes:
         if self._fd is None or not select.select([self._fd], [], [], 0.0)[0]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from core.clock import Clock
 from deploy.control.states import Mode
 from deploy.operator.buttons import Buttons
+from deploy.operator.far_end import FarEnd
 from deploy.operator.gamepad import Gamepad
 from deploy.operator.keyboard import Keyboard
 from deploy.operator.keys import RequestSource, StopSource
@@ -39,7 +40,9 @@ def people(
     consent = Consent() if options.on_real_wire else None
     sources: list[StopSource] = []
     if options.attended:
-        sources.append(stack.enter_context(Keyboard(say=voice.say, consent=consent, sticks=sticks)))
+        far_end = FarEnd(clock, settings.terminal_silent_s) if consent is not None else None
+        keyboard = Keyboard(say=voice.say, consent=consent, sticks=sticks, far_end=far_end)
+        sources.append(stack.enter_context(keyboard))
     if options.gamepad is not None:
         pad = Buttons(consent, settings.chord_s)
         gamepad = Gamepad(options.gamepad, pad, clock, settings.gamepad_silent_s, voice.say, sticks)

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pty
+import select
 import signal
 import termios
 import threading
@@ -21,6 +22,7 @@ from core.config import config_file
 from core.errors import InputError
 from deploy.cli import main
 from deploy.dry_run_record import DAY_S, DryRunRecord, require_records
+from deploy.operator.far_end import ASK, WELL
 from deploy.options import RunOptions
 from deploy.preflight import Check
 from hal.verification.record import VerifiedRecord
@@ -170,18 +172,28 @@ def test_a_robot_is_taken_by_a_typed_word_and_by_nothing_less(rig, capsys, monke
     assert "STAND_UP" in capsys.readouterr().out
 
 
+def answer_then(typist, at_the_end):
+    """What shows the typist's terminal says that all is well, as long as the typist types."""
+    while typist.is_alive():
+        if select.select([typist.master], [], [], 0.05)[0]:
+            os.write(typist.master, WELL * os.read(typist.master, 4096).count(ASK))
+    at_the_end()
+
+
 @pytest.mark.real_time
-def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch):
-    """The terminal closes while the robot stands up; the device sees damping a second later, and not before."""
+@pytest.mark.parametrize("end", ["closed", "stalled"])
+def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch, end):
+    """The terminal closes or falls silent while the robot is driven; the device sees damping 1 s later, not before."""
     settings = yaml.safe_load((rig.folder / "patient.yaml").read_text())
-    settings["operator"] |= {"hold_after_s": 0.2, "damp_after_s": 1.0}
+    times = {"terminal_silent_s": 0.6, "hold_after_s": 0.2, "damp_after_s": 0.4}
+    settings["operator"] |= times if end == "stalled" else {"hold_after_s": 0.2, "damp_after_s": 1.0}
     (rig.folder / "patient.yaml").write_text(yaml.safe_dump(settings))
     monkeypatch.setattr(WireBackend, "remote", lambda backend: ((), math.inf))
     typist = Typist(rig, ("s", None), ("take\n", None), ("s", "TRACK"))
     monkeypatch.setattr("deploy.operator.keyboard._standard_input", lambda: typist.slave)
     typist.start()
-    closed = threading.Thread(target=lambda: (typist.join(), os.close(typist.master)))
-    closed.start()
+    at_the_end = (lambda: None) if end == "stalled" else (lambda: os.close(typist.master))
+    threading.Thread(target=answer_then, args=(typist, at_the_end)).start()
     assert rig("--first-run-ok", "--duration", 6.0) == 0
     error = capsys.readouterr().err
     assert "operator lost: no live stop source (had: keyboard, remote)" in error

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from benchmarks.scores import measured
 from benchmarks.tables import PAGE, RESULTS, cell, render, renew
+from core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 SCORES = {"episodes": 24, "survival_rate": 0.875, "metrics": {"empbpe_mm": {"mean": 6.25, "std": 0.94}}}
@@ -106,3 +108,34 @@ def test_a_file_that_no_table_shows_is_named(tmp_path: Path) -> None:
         (tmp_path / f"{name}.json").write_text(json.dumps(DOCUMENT), encoding="utf-8")
     with pytest.raises(ValueError, match=r"no table of the page is made from two\.json"):
         renew(MARKED, tmp_path)
+
+
+def told(survival_rate: float, error_mm: float) -> dict[str, Any]:
+    """As a run of sim2sim/evaluate --json."""
+    identity = {"policy_sha256": "5", "motion": "m", "sim": "default", "episodes": 24, "seed": 3}
+    metrics = {name: {"mean": error_mm, "std": 1.23456, "worst": 9.0} for name in ("empbpe_mm", "empjpe_mrad")}
+    return {**identity, "survival_rate": survival_rate, "metrics": metrics}
+
+
+def test_scores_are_measured_anew_by_the_commands_of_the_table() -> None:
+    columns = [{"head": "survive", "path": "scores", "show": "survivors"}, DOCUMENT["columns"][2]]
+    rows = [{"actor": a, "condition": c, "note": a + c, "scores": SCORES} for a in "ab" for c in ("calm", "wild")]
+    commands = ["sim2sim/evaluate --policy a --policy b", "sim2sim/evaluate --policy a --policy b --randomize"]
+    document = {"commands": commands, "columns": columns, "rows": rows}
+    answers = {
+        commands[0]: {"runs": [told(1.0, 1.0), told(0.5, 2.0)]},
+        commands[1]: {"runs": [told(0.0, 3.0), told(1.0, 4.0)]},
+    }
+    new = measured(document, answers.__getitem__)
+    assert [(row["note"], row["scores"]["survival_rate"]) for row in new["rows"]] == [
+        ("acalm", 1.0), ("awild", 0.0), ("bcalm", 0.5), ("bwild", 1.0)
+    ]  # fmt: skip
+    assert [row["scores"]["metrics"] for row in new["rows"]] == [
+        {"empbpe_mm": {"mean": mean, "std": 1.2346}} for mean in (1.0, 3.0, 2.0, 4.0)
+    ]
+    alone = {**document, "commands": commands[:1], "rows": rows[:1]}
+    assert measured(alone, lambda command: told(1.0, 7.0))["rows"][0]["scores"]["metrics"]["empbpe_mm"]["mean"] == 7.0
+    with pytest.raises(InputError, match="another number of runs"):
+        measured(alone, answers.__getitem__)
+    with pytest.raises(InputError, match="no table of scores"):
+        measured({**document, "commands": commands[:1]}, answers.__getitem__)

@@ -69,5 +69,6 @@ def punctual() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def running(punctual: None, request: pytest.FixtureRequest) -> Iterator[Emulators]:
-    with emulators(1.0 if request.config.getoption("--all-wires") else SLOWED) as started:
+    option = request.config.getoption
+    with emulators(option("--slowed") if option("--all-wires") else SLOWED) as started:
         yield started

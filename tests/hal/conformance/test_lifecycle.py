@@ -228,6 +228,12 @@ def test_damp_works_at_once_after_open_before_any_state(backend: Any) -> None:
         assert ready(backend).faults == ()
 
 
+def drive(backend: Any) -> None:
+    """Hold until the devices obey, which takes them a moment, and a moment longer."""
+    wait_until(lambda: run(backend, hold(backend.robot), 0.1).energised)
+    run(backend, hold(backend.robot), 0.1)
+
+
 class Interruption(Exception):
     pass
 
@@ -243,7 +249,7 @@ def test_leaving_damps_first_and_then_disables_whatever_happened(
     try:
         with backend:
             ready(backend)
-            run(backend, hold(backend.robot), 0.1)
+            drive(backend)
             start_s = backend.clock.now_s()
             if error is not None:
                 raise error
@@ -275,7 +281,7 @@ def test_closing_disables_even_where_the_link_is_dead(rig: Rig, backend: Any, mo
     disable = backend._disable
     with backend:
         ready(backend)
-        run(backend, hold(backend.robot), 0.1)
+        drive(backend)
         monkeypatch.setattr(backend, "read", dead)
         monkeypatch.setattr(backend, "_disable", lambda: (disabled.append(backend.clock.now_s()), disable()))
         start_s = backend.clock.now_s()
