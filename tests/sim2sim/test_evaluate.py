@@ -16,9 +16,11 @@ from sim2sim.cli import main
 from sim2sim.evaluation import evaluate
 from sim2sim.player import Player, run_names
 from sim2sim.request import EvaluationRequest
+from sim2sim.video import write_video
 from tests.shared_data import SHARED, needs_shared_data
 from tests.sim2sim.toys import ROBOT, standing_clip, write_still_actor
 from view.stage import Stage
+from world.scene import FLAT, Scene
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +170,24 @@ def test_video_shows_every_policy_beside_the_reference(
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     height, width = frames[0].shape[:2]
     assert len(frames) == 10 and width == 3 * height
+
+
+def test_each_run_is_drawn_in_its_own_scene(still: str, waving: str, tmp_path: Path) -> None:
+    """The second robot, half a metre lower on a floor half a metre lower, looks as it would on its own; in one film."""
+    av = pytest.importorskip("av")
+    evaluation = evaluate(Player(request(still, waving, episodes=1)), workers=1)
+    first, second = evaluation.runs
+    assert first.scene == second.scene == FLAT
+    episode = second.episodes[0]
+    down = np.eye(episode.qpos.shape[1], dtype=episode.qpos.dtype)[2] * 0.5
+    lower = replace(episode, qpos=episode.qpos - down, ref_qpos=episode.ref_qpos - down)
+    moved = replace(second, scene=Scene(-0.5), episodes=[lower])
+    pictures = []
+    for name, runs in (("level.mp4", [first, second]), ("stairs.mp4", [first, moved])):
+        write_video(tmp_path / name, replace(evaluation, runs=runs))
+        with av.open(str(tmp_path / name)) as container:
+            pictures.append(next(container.decode(video=0)).to_ndarray(format="rgb24").astype(int))
+    assert np.abs(pictures[1] - pictures[0]).mean() < 1.0
 
 
 def test_the_lamp_shines_on_the_robot_wherever_it_is(still: str, monkeypatch: pytest.MonkeyPatch) -> None:
