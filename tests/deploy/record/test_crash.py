@@ -44,6 +44,7 @@ def content(path, topic):
         return [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(topics=[topic])]
 
 
+@pytest.mark.real_time
 def test_a_killed_run_leaves_a_log_up_to_the_last_moment_and_replay_reads_it(actor, tmp_path, capsys):
     child = start(actor, "--backend", "mock", "--realtime", "--log", tmp_path / "logs")
     wait_for(child, "TRACKING")

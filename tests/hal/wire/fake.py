@@ -5,6 +5,7 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class FakeFactory:
     enable_fails: bool = False
     acknowledge_s: float = 0.0
     buttons: tuple[str, ...] = ()
+    link_timeout_s: ClassVar[float] = 2.0  # of what hal.open opens: a busy machine is silent longer than a device
     charge: float | None = None
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
 
