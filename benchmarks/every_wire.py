@@ -94,7 +94,7 @@ def compare(row: dict[str, Any], first: dict[str, Any]) -> None:
 def lines(row: dict[str, Any]) -> list[str]:
     """A row in words."""
     said = [f"{row['backend']:9} {row['given']}: {row['outcome']}"]
-    if "infer_p99_ms" in row:
+    if row.get("infer_p99_ms") is not None:  # a run that ended early has inferred nothing
         said[0] += f", {row['infer_p99_ms']:.2f} ms p99"
     if (slowed := row.get("slowed") or 1.0) > 1.0:
         said[0] += f", {slowed:g} times slower than real time"
