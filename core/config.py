@@ -41,21 +41,21 @@ def errors_in(path: Path) -> Iterator[None]:
         raise InputError(str(error), where=path) from error
 
 
-def read_yaml(path: Path, *, resolve: bool = True) -> dict[str, Any]:
-    """The mapping in a YAML file, its `${...}` resolved unless told otherwise; nothing in it is executed.
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file; nothing in it is executed.
 
     Raises InputError naming the file: not there, not YAML, a key given twice, no mapping.
     """
-    from omegaconf import OmegaConf  # a tenth of a second, which `--help` need not wait for
-    from omegaconf.errors import OmegaConfBaseException
-    from yaml import YAMLError
+    from core.yaml_text import YAMLError, parse_yaml  # which `--help` need not wait for
 
     try:
-        content = OmegaConf.to_container(OmegaConf.load(path), resolve=resolve)
+        with path.open("rb") as file:
+            content = parse_yaml(file)
     except FileNotFoundError as error:
         raise InputError("no such file", where=path) from error
-    except (OSError, ValueError, YAMLError, OmegaConfBaseException, RecursionError) as error:
+    except (OSError, ValueError, YAMLError, RecursionError) as error:
         raise InputError("not a readable YAML file", where=path, got=str(error)) from error
+    content = {} if content is None else content
     if not isinstance(content, dict):
         raise InputError("wrong type", where=path, got=f"a {type(content).__name__}", expected="a mapping")
     return {str(key): value for key, value in content.items()}

@@ -88,7 +88,7 @@ def load_choreography(
     instead of `keys`.
     Raises InputError naming file and key.
     """
-    table = read_yaml(path, resolve=False)
+    table = read_yaml(path)
     with errors_in(path):
         walks = isinstance(table, dict) and "walk" in table
         check_keys(table, ("fps", "walk" if walks else "keys"), "")

@@ -38,7 +38,7 @@ def read_config(config_path: Path, input_names: Sequence[str], robot_name: str) 
     ``input_names`` are the graph's inputs, each an entry of ``obs.obs_dict``. InputError naming file and
     key for what is missing, ambiguous or not supported.
     """
-    config = read_yaml(config_path, resolve=False)
+    config = read_yaml(config_path)
     with errors_in(config_path):
         return _spec(config, input_names, robot_name)
 

@@ -54,7 +54,7 @@ def test_a_file_that_is_not_there_is_named() -> None:
     [
         ("step_s: 2e-3", Stage(0.002)),
         ("step_s: 1\ncount: 4", Stage(1.0, 4)),
-        ("count: 5\nstep_s: ${count}", Stage(5.0, 5)),
+        ("count: &same 5\nstep_s: *same", Stage(5.0, 5)),
     ],
 )
 def test_a_file_becomes_a_dataclass(tmp_path: Path, text: str, expected: Stage) -> None:
@@ -69,6 +69,7 @@ def test_a_file_becomes_a_dataclass(tmp_path: Path, text: str, expected: Stage) 
         ("step_s: soon", "step_s: wrong type, got 'soon', expected a number in s"),
         ("step_s: 1\ncount: 0", "count: too small, got 0, expected at least 1"),
         ("- 1", "wrong type, got a list, expected a mapping"),
+        ("3", "wrong type, got a int, expected a mapping"),
     ],
 )
 def test_errors_begin_with_the_file(tmp_path: Path, text: str, message: str) -> None:
@@ -85,8 +86,7 @@ def test_errors_begin_with_the_file(tmp_path: Path, text: str, message: str) -> 
         b"\xff\xfe\x00",
         b"step_s: 1\nstep_s: 2",
         b"!!python/object/apply:os.getcwd []",
-        b"step_s: ${nowhere}",
-        b"3",
+        b"step_s: 1\ninner: {a: 1, a: 2}",
         b"[" * 5000,
         b"step_s: " + b"9" * 5000,
     ],
@@ -104,8 +104,17 @@ def test_a_folder_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
         read_yaml(tmp_path)
 
 
-def test_references_may_be_left_as_they_stand(tmp_path: Path) -> None:
-    assert read_yaml(written(tmp_path, "a: ${now:%Y}\nb: ???"), resolve=False) == {"a": "${now:%Y}", "b": "???"}
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("1e-3", 0.001), ("-1.", -1.0), (".5E+2", 50.0), ("7", 7), ("-.inf", -math.inf)),
+        *((text, text) for text in ("1e", ".", "1.2.3", "2026-11-28", "${now:%Y}", "???")),
+        ("'1e3'", "1e3"),
+    ],
+)
+def test_numbers_are_those_of_yaml_1_2_and_the_rest_is_text(tmp_path: Path, text: str, value: object) -> None:
+    (read,) = read_yaml(written(tmp_path, f"a: {text}")).values()
+    assert read == value and type(read) is type(value)
 
 
 def test_json_is_read_exactly() -> None:

@@ -5,16 +5,20 @@ from contextlib import contextmanager
 
 import pytest
 
+from train import progress
 from train.mdp import evaluator
+from train.report import figures
 
 
 @contextmanager
-def lightly(*, video: bool = False) -> Iterator[None]:
-    """Runs are judged with two robots of each kind, not dozens, and their reports have no video, which takes long."""
+def lightly(*, pictures: bool = False) -> Iterator[None]:
+    """Runs are judged with two robots of each kind, not dozens, and their reports have no pictures, which take long."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluator, "STARTS", dict.fromkeys(evaluator.STARTS, 2))
-        if not video:
+        if not pictures:
             patch.setenv("KATA_RENDERER", "none")
+            patch.setattr(figures, "_svg", lambda panel, found, chosen: b"<svg/>")
+            patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
         yield
 
 

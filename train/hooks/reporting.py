@@ -29,8 +29,8 @@ class Reporting(Hook):
         self._progress.report({"iteration": run.iteration, "samples": run.samples, **row})
 
     def after_run(self, run: "Runner") -> None:
-        """Leave pictures of the whole run."""
-        self._progress.draw(at_once=True)
+        """Leave the curves of the whole run; its report is written last."""
+        self._progress.draw_curves()
 
     def after_failure(self, run: "Runner") -> None:
         """Leave pictures of what was."""

@@ -1,6 +1,7 @@
 """An object that works beside this process: in another one that shares its tensors' memory, or, in turn, in this."""
 
 import ctypes
+import gc
 import multiprocessing
 import os
 import signal
@@ -54,6 +55,8 @@ class Beside:
     """In a forked process, which ends with this one, whatever ends it."""
 
     def __init__(self, target: object) -> None:
+        # A pool of threads that only a cycle keeps cannot end in a process that has none of its threads: it ends here.
+        gc.collect()
         fork = multiprocessing.get_context("fork")
         self._pipe, its = fork.Pipe()
         self._process = fork.Process(target=_serve, args=(target, its, self._pipe), daemon=True)
@@ -85,6 +88,7 @@ class Beside:
 
 def _serve(target: object, pipe: Connection, others: Connection) -> None:
     """Carry out calls until the other end is closed."""
+    gc.freeze()
     others.close()
     # Who trains is told to stop, and closes this. Killed, it takes this along: processes forked since hold the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -12,6 +12,7 @@ from core.errors import InputError
 from policy.actor import resolve_actor
 from policy.metadata import read_metadata
 from sim2sim.cli import main as evaluate
+from tests.train.conftest import lightly
 from tests.train.distil.small import SMALL
 from train.command import execute
 
@@ -36,9 +37,8 @@ def runs(tmp_path_factory):
     """One that was left alone, and one that was interrupted after two iterations, its teacher gone by then."""
     folder = tmp_path_factory.mktemp("distil")
     teacher = folder / "teacher.onnx"
-    with pytest.MonkeyPatch.context() as patch:
+    with lightly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("train.session.NoisyStartEvaluator", Judge)
-        patch.setenv("KATA_RENDERER", "none")
         for name, iterations in (("whole", 6), ("interrupted", 2)):
             teacher.write_bytes(resolve_actor("tracker").read_bytes())
             told = [*SMALL, "checkpoint_every=1", f"teacher={teacher}", f"run_dir={folder / name}"]
@@ -76,9 +76,8 @@ def test_the_actor_says_whom_it_learnt_from_and_is_played_by_goals(runs, capsys)
     assert "survival" in capsys.readouterr().out
 
 
-def test_another_run_begins_with_its_actor_and_its_encoder(runs, tmp_path, monkeypatch, capsys):
+def test_another_run_begins_with_its_actor_and_its_encoder(runs, light, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
-    monkeypatch.setenv("KATA_RENDERER", "none")
     frozen = ["distil.learning_rate.first=1.0e-12", "distil.learning_rate.last=null", "iterations=1"]
     execute([*SMALL, *frozen, f"init_from={runs[0]}", f"run_dir={tmp_path / 'run'}"])
     assert "weights of actor and encoder from" in capsys.readouterr().out

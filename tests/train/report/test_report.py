@@ -51,7 +51,7 @@ def run_dir(tmp_path_factory):
         "checkpoint_every=1",
         f"run_dir={run_dir}",
     )
-    with lightly(video=True):
+    with lightly(pictures=True):
         assert train_main(list(arguments)) == 0
     return run_dir
 

@@ -13,12 +13,12 @@ import torch
 from core.errors import InputError
 from deploy.actors import load_run
 from deploy.settings import load_settings
-from motion.library import CLIPS
 from policy.metadata import read_metadata
 from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
 from tests.train.conftest import lightly
 from tests.train.world_model.small import SMALL
+from tests.train.worlds import beginning_of
 from train.command import execute
 from train.companion import read_companion
 
@@ -26,12 +26,18 @@ pytestmark = pytest.mark.usefixtures("light")
 
 
 @pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """SMALL on the first second of its clip: who ends is judged over the whole of it."""
+    return [f"motion={beginning_of('side_kick', 1.0, tmp_path_factory.mktemp('clip'))}", *SMALL[1:]]
+
+
+@pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The run folder of a tracker. Of the runs here it alone has a video."""
+    """The run folder of a tracker. Of the runs here it alone has pictures."""
     folder = tmp_path_factory.mktemp("tracker")
     (folder / "clips").mkdir()
-    shutil.copy(CLIPS / "side_kick.npz", folder / "clips")
-    with lightly(video=True):
+    beginning_of("side_kick", 1.0, folder / "clips")
+    with lightly(pictures=True):
         execute([
             f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null",
             f"run_dir={folder / 'run'}",
@@ -55,27 +61,27 @@ def test_its_actor_plays_clips_it_never_saw(trained, capsys):
     assert "completed %" in capsys.readouterr().out
 
 
-def test_another_run_begins_with_its_policy_critic_and_model(trained, tmp_path, capsys):
+def test_another_run_begins_with_its_policy_critic_and_model(small, trained, tmp_path, capsys):
     """And learns in imagination as soon as it has collected: its model needs no warming up."""
-    execute([*SMALL, "iterations=11", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
+    execute([*small, "iterations=11", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}"])
     assert "weights of actor and critic and model" in capsys.readouterr().out
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     first = next(row["iteration"] for row in rows if "warm_up" not in row)
     assert first == 10 and "model/window_loss" in rows[first - 1] and "imagined/cost" in rows[-1]
 
 
-def test_an_actor_of_one_clip_carries_it(trained, tmp_path):
+def test_an_actor_of_one_clip_carries_it(small, trained, tmp_path):
     run_dir = tmp_path / "run"
-    execute([*SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={run_dir}"])
+    execute([*small, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={run_dir}"])
     run = load_run(run_dir / "actor.onnx", None, load_robot(), load_settings().entry)
-    assert (run.actor.spec.follows, run.name) == ("clip", SMALL[0].removeprefix("motion="))
+    assert (run.actor.spec.follows, run.name) == ("clip", "side_kick")
     assert np.abs(run.reference.feedforward_rad).max() > 0.01
 
 
-def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(trained, tmp_path, capsys):
+def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(small, trained, tmp_path, capsys):
     """Its policy sees something else; the model is of the robot, whatever it is told to do."""
     execute([
-        "motion=side_kick", "train=goals", *SMALL[2:], "iterations=13", "evaluate_every=13",
+        small[0], "train=goals", *SMALL[2:], "iterations=13", "evaluate_every=13",
         f"init_from={trained}", "init_networks=[model]", f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
     assert "weights of model from" in capsys.readouterr().out
@@ -99,22 +105,22 @@ def _standing():
     )  # fmt: skip
 
 
-def test_a_network_that_a_source_lacks_is_refused(trained, tmp_path):
+def test_a_network_that_a_source_lacks_is_refused(small, trained, tmp_path):
     alone = shutil.copy(trained / "actor.onnx", tmp_path / "actor.onnx")
     with pytest.raises(InputError, match="init_networks: not there, got model"):
-        execute([*SMALL, "init_networks=[model]", f"init_from={alone}", f"run_dir={tmp_path / 'run'}"])
+        execute([*small, "init_networks=[model]", f"init_from={alone}", f"run_dir={tmp_path / 'run'}"])
 
 
-def test_a_policy_of_another_shape_is_refused_by_name(trained, tmp_path):
+def test_a_policy_of_another_shape_is_refused_by_name(small, trained, tmp_path):
     """Also where another process is what finds out."""
     with pytest.raises(InputError, match=r"the actor's weights do not fit, got mlp\.network\.first\.weight of"):
         execute([
-            *SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}",
+            *small, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}",
             "world_model.policy.hidden=[16,16]",
         ])  # fmt: skip
 
 
-def test_an_actors_companion_is_its_world_model(trained, tmp_path, capsys):
+def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys):
     """To what half precision holds; it begins without warming up, and goes with no other actor."""
     newest = sorted((trained / "checkpoints").glob("*.pt"))[-1]
     learner = torch.load(newest, weights_only=True)["learner"]
@@ -125,23 +131,23 @@ def test_an_actors_companion_is_its_world_model(trained, tmp_path, capsys):
     for key, value in wanted.items():
         assert torch.allclose(read["model"][key], value.float(), rtol=1e-3, atol=1e-6), key
     execute([
-        *SMALL, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
+        *small, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
     assert "weights of actor and model" in capsys.readouterr().out
     shutil.copy(trained / "learner.npz", tmp_path / "learner.npz")
     shutil.copy(tmp_path / "run" / "actor.onnx", tmp_path / "actor.onnx")
     with pytest.raises(InputError, match=r"learner\.npz: another actor's"):
-        execute([*SMALL, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
+        execute([*small, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
     (tmp_path / "learner.npz").write_bytes((trained / "learner.npz").read_bytes()[:500])
     with pytest.raises(InputError, match=r"learner\.npz: unreadable"):
-        execute([*SMALL, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
+        execute([*small, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
 
 
-def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_path, capsys):
+def test_another_run_begins_with_the_exported_policy_bit_by_bit(small, trained, tmp_path, capsys):
     """Graph weights are those of the first checkpoint's average, normalisation included."""
     execute([
-        *SMALL, "iterations=1", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
+        *small, "iterations=1", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
     assert "weights of actor and model from" in capsys.readouterr().out
@@ -158,7 +164,8 @@ def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained, tmp_pat
 
 def test_clips_of_a_manifest_are_trained_together(tmp_path):
     manifest = tmp_path / "clips.yaml"
-    manifest.write_text(f"clips:\n  - {{file: {CLIPS / 'side_kick.npz'}}}\n  - {{file: {CLIPS / 'stand.npz'}}}\n")
+    clips = [beginning_of(name, 1.0, tmp_path) for name in ("side_kick", "stand")]
+    manifest.write_text("clips:\n" + "".join(f"  - {{file: {clip}}}\n" for clip in clips))
     execute([
         f"motions={manifest}", *SMALL[1:], "iterations=13", "evaluate_every=13", f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
@@ -167,28 +174,28 @@ def test_clips_of_a_manifest_are_trained_together(tmp_path):
 
 
 MILE = [
-    "motion=side_kick", "train=last_mile", "precision=fp32", "threads=1", "num_envs=8", "evaluate_every=null",
+    "train=last_mile", "precision=fp32", "threads=1", "num_envs=8", "evaluate_every=null",
     "learner.actor_hidden=[32,32]", "learner.critic_hidden=[16,16]", "learner.exploration.steps=4",
     "learner.horizon=4", "learner.minibatches=1",
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("source", ["", "actor.onnx"])
-def test_ppo_goes_on_with_a_trackers_policy(trained, tmp_path, source):
+def test_ppo_goes_on_with_a_trackers_policy(small, trained, tmp_path, source):
     """While only the critic learns the actor is the tracker's to the last bit; then it moves."""
     start = f"init_from={trained / source}"
     observations = np.random.default_rng(0).normal(size=(5, _width(trained / "actor.onnx"))).astype(np.float32)
     wanted = _actions(trained / "actor.onnx", observations)
-    execute([*MILE, "iterations=2", start, f"run_dir={tmp_path / 'waits'}"])
+    execute([small[0], *MILE, "iterations=2", start, f"run_dir={tmp_path / 'waits'}"])
     assert np.array_equal(_actions(tmp_path / "waits" / "actor.onnx", observations), wanted)
-    execute([*MILE, "iterations=2", start, f"run_dir={tmp_path / 'moves'}", "learner.critic_first=0"])
+    execute([small[0], *MILE, "iterations=2", start, f"run_dir={tmp_path / 'moves'}", "learner.critic_first=0"])
     moved = np.abs(_actions(tmp_path / "moves" / "actor.onnx", observations) - wanted)
     assert 0.0 < moved.max() < 1.0
     lineage = json.loads((tmp_path / "moves" / "summary.json").read_text())["lineage"]
     assert lineage["networks"] == ["actor"]
 
 
-def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(trained, tmp_path, monkeypatch):
+def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(small, trained, tmp_path, monkeypatch):
     """Asked for by one word, after a run that was completed; its own training is left out here."""
     begun = []
 
@@ -203,7 +210,7 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(tr
         folder = tmp_path / f"{outcome}_{last_mile}"
         execute(
             [
-                SMALL[0],
+                small[0],
                 "train=clip",
                 *SMALL[2:],
                 f"init_from={trained}",
@@ -217,7 +224,11 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(tr
         assert first.config.world_model is not None and first.config.init_from == str(trained)
         for mile in second:
             assert mile.config.world_model is None and mile.config.init_from == str(folder / "actor.onnx")
-            assert (mile.run_dir, mile.config.seed, mile.config.motion) == (folder / "last_mile", 5, "side_kick")
+            assert (mile.run_dir, mile.config.seed, mile.config.motion) == (
+                folder / "last_mile",
+                5,
+                small[0].removeprefix("motion="),
+            )
         begun.clear()
 
 
@@ -230,7 +241,7 @@ def _actions(path, observations):
     return session.run(["action"], {session.get_inputs()[0].name: observations})[0]
 
 
-def test_a_figure_that_is_no_number_does_not_keep_an_actor_from_being_written(tmp_path, monkeypatch):
+def test_a_figure_that_is_no_number_does_not_keep_an_actor_from_being_written(small, tmp_path, monkeypatch):
     class Judge:
         def __init__(self, *arguments, **named):
             pass
@@ -239,5 +250,5 @@ def test_a_figure_that_is_no_number_does_not_keep_an_actor_from_being_written(tm
             return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
 
     monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
-    execute([*SMALL, "iterations=2", "evaluate_every=1", f"run_dir={tmp_path / 'run'}"])
+    execute([*small, "iterations=2", "evaluate_every=1", f"run_dir={tmp_path / 'run'}"])
     assert read_metadata(tmp_path / "run" / "actor.onnx").spec.provenance["evaluation"]["nominal_empbpe_mm"] is None
