@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 RUN := PATH="$(BIN):$$PATH"
 CODE := core robot world view motion policy hal deploy sim2sim train benchmarks
+# Compiled modules are kept, whatever the machine's setting: the tests start hundreds of processes.
+export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-wires lint bench train
 
