@@ -9,10 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from core.arguments import ArgumentParser
 from core.command import guarded
+from core.config import CONFIGS, read_yaml
 from core.files import check_output_file, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,10 +25,10 @@ def keep_busy() -> None:
 
 def settings_that_hold(seconds: float, folder: Path) -> Path:
     """The default thresholds, with a HOLD of this long after the clip."""
-    settings = OmegaConf.load(ROOT / "configs" / "deploy" / "default.yaml")
-    settings.sequence.hold_s = seconds
+    settings = read_yaml(CONFIGS / "deploy" / "default.yaml")
+    settings["sequence"]["hold_s"] = seconds
     path = folder / "hold.yaml"
-    OmegaConf.save(settings, path)
+    path.write_text(json.dumps(settings))  # which is YAML too
     return path
 
 

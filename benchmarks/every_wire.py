@@ -26,6 +26,7 @@ from hal.open import WIRES
 RUN = Path(__file__).resolve().parents[1] / "deploy" / "run"
 BACKENDS = ("mujoco", "mock", *WIRES)  # the first is what the others are compared with
 LIMIT_S = 900.0
+LAST_LINES = 40  # of what a run said that did not end well
 WITHIN = 0.15  # of MuJoCo's error
 UNITS = {"empjpe_mrad": (0, "mrad"), "empbpe_mm": (1, "mm"), "heading_error_rad": (4, "rad of heading")}
 
@@ -61,6 +62,8 @@ def play(backend: str, policy: str, given: Sequence[str], folder: Path) -> dict[
     except subprocess.TimeoutExpired:
         return {**row, "outcome": f"not over in {LIMIT_S:g} s"}
     row["exit_code"] = ran.returncode
+    if ran.returncode != 0:
+        row["said"] = [*ran.stdout.splitlines(), *ran.stderr.splitlines()][-LAST_LINES:]
     if not result.exists():
         return {**row, "outcome": (ran.stderr.strip().splitlines() or ["no result"])[-1]}
     told = json.loads(result.read_text())
@@ -105,7 +108,7 @@ def lines(row: dict[str, Any]) -> list[str]:
             beyond = any(abs(ratio - 1.0) > WITHIN for ratio in ratios.values())
             said[-1] += f"; {', '.join(f'{ratio:.2f}' for ratio in ratios.values())} of MuJoCo's"
             said[-1] += f", beyond {WITHIN:.0%}" if beyond else ""
-    return said
+    return said + [f"{'':11} {line}" for line in row.get("said", [])]
 
 
 @guarded

@@ -16,6 +16,8 @@ import pytest
 from tests.deploy.test_cli import ENVIRONMENT, command
 from tests.deploy.toys import write_linear_actor, write_standing_actor
 
+pytestmark = pytest.mark.real_time
+
 LIMIT_S = 5.0
 
 

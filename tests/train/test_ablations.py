@@ -99,7 +99,8 @@ def test_a_cell_holds_a_figure_a_seed(benchmark):
 
 
 def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(tmp_path):
-    result = _run("--motion", "no_such", "--iterations", "7", "--folder", tmp_path / "out")
+    one = ("--variants", "adaptive", "--seeds", "1", "--iterations", "7")
+    result = _run("--motion", "no_such", *one, "--folder", tmp_path / "out")
     assert result.returncode == 1 and f"{tmp_path}/out/pbhc_no_such_7/*.log" in result.stderr
     assert "no_such" in (tmp_path / "out" / "pbhc_no_such_7" / "adaptive_1.log").read_text()
 

@@ -241,6 +241,7 @@ def test_the_report_names_cycles_and_figures():
     assert len(report["scheduling"]) == 1
 
 
+@pytest.mark.real_time
 def test_it_opens_again_after_closing(tmp_path):
     backend = fake_backend(journal=tmp_path / "journal")
     for _ in range(2):
