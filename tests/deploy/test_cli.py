@@ -214,6 +214,7 @@ def test_a_signal_stops_within_5_s_damped_and_orderly(actors, tmp_path, number, 
     assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "stopped"
 
 
+@pytest.mark.real_time
 def test_the_status_of_a_run_over_http(actors):
     child = start_realtime(
         actors, "--backend", "mock", "--start", "reference", "--status", "0", stdin=subprocess.DEVNULL
@@ -228,6 +229,7 @@ def test_the_status_of_a_run_over_http(actors):
     assert set(content["torque_share"]) == set(ROBOT.joint_names) == set(content["temperature_c"])
 
 
+@pytest.mark.real_time
 def test_a_person_at_the_keys_through_a_pipe(actors):
     child = start_realtime(actors, "--backend", "mock", "--interactive", stdin=subprocess.PIPE)
 

@@ -66,6 +66,7 @@ def small_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
+@pytest.mark.real_time
 def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
     """An actor that does nothing falls in MuJoCo: exit code 3."""
     options = ("--backend", "mujoco", "--realtime", "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
@@ -168,6 +169,7 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
     assert read_log(max((tmp_path / "incidents").iterdir())).about["reason"] == "ZeroDivisionError('here')"
 
 
+@pytest.mark.real_time
 def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
     options = ["--backend", "mujoco", "--start", "reference", "--policy", str(actor), "--realtime"]
