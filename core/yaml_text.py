@@ -16,7 +16,7 @@ def parse_yaml(file: IO[bytes]) -> Any:
 
 
 class _Loader(yaml.CSafeLoader):
-    """Numbers as in YAML 1.2, where 1e-3 is one; a date is a text; no key twice."""
+    """Fractions as in YAML 1.2, where 1e-3 is one; a date is a text; no key twice."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012
         first: [(tag, form) for tag, form in resolvers if not tag.endswith((":timestamp", ":float"))]

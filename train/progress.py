@@ -89,13 +89,13 @@ class TrainingProgress:
 
     def draw(self, *, at_once: bool = False) -> None:
         """Flush TensorBoard and refresh curves.png, ``at_once`` or when the picture is older than half a minute."""
+        self._board.flush()
         due = at_once or time.monotonic() - self._drawn_s >= DRAW_INTERVAL_S
         if self._refresh is not None and (due or not self._is_refreshed):
             self._refresh(self.rows)
             self._is_refreshed = True
         if due:
             self.draw_curves()
-        self._board.flush()
 
     def draw_curves(self) -> None:
         """Leave curves.png of all rows, and nothing to refresh until it is half a minute old."""

@@ -112,7 +112,7 @@ def test_a_folder_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
         ("'1e3'", "1e3"),
     ],
 )
-def test_numbers_are_those_of_yaml_1_2_and_the_rest_is_text(tmp_path: Path, text: str, value: object) -> None:
+def test_fractions_are_those_of_yaml_1_2_and_the_rest_is_text(tmp_path: Path, text: str, value: object) -> None:
     (read,) = read_yaml(written(tmp_path, f"a: {text}")).values()
     assert read == value and type(read) is type(value)
 

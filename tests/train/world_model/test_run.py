@@ -224,11 +224,8 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
         assert first.config.world_model is not None and first.config.init_from == str(trained)
         for mile in second:
             assert mile.config.world_model is None and mile.config.init_from == str(folder / "actor.onnx")
-            assert (mile.run_dir, mile.config.seed, mile.config.motion) == (
-                folder / "last_mile",
-                5,
-                small[0].removeprefix("motion="),
-            )
+            assert (mile.run_dir, mile.config.seed) == (folder / "last_mile", 5)
+            assert f"motion={mile.config.motion}" == small[0]
         begun.clear()
 
 
