@@ -47,5 +47,4 @@ def ground_force_map(jacobians: np.ndarray, friction: float) -> np.ndarray:
     (S, 3, nv) as of :func:`sole_jacobians`.
     """
     edges = np.array([[friction, 0, 1], [-friction, 0, 1], [0, friction, 1], [0, -friction, 1]])
-    columns = [np.empty((jacobians.shape[2], 0))]
-    return np.hstack(columns + [jacobian.T @ edges.T for jacobian in jacobians])
+    return (edges @ jacobians).reshape(-1, jacobians.shape[2]).T

@@ -150,7 +150,8 @@ def feasibility(robot: Robot, reference: Reference) -> list[str]:
 def friction_floor(setup: Setup) -> list[str]:
     """A line where friction is not drawn as low as the configuration says."""
     asked, low = (config.environment.randomization.friction[0] for config in (setup.config, setup.followable))
-    return [f"friction: drawn from {low:.2f} on, not from {asked:.2f}: the clip needs it"] if low > asked else []
+    why = "the clips need it" if setup.clips else "the clip needs it"
+    return [f"friction: drawn from {low:.2f} on, not from {asked:.2f}: {why}"] if low > asked else []
 
 
 def environment_of(setup: Setup) -> Environment:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motion.clip import save_clip
+from motion.clip import Clip, save_clip
 from motion.reference import build_reference
 from tests.train.worlds import g1, swaying_clip
 from train.config import compose_document
@@ -33,14 +33,16 @@ def test_the_seconds_that_no_robot_can_do_are_named():
     assert warning.startswith("warning: no robot can do 1.0 to 2.0 s of the clip on its own") and "--start" in warning
 
 
-def test_friction_is_not_drawn_below_what_the_clip_needs(tmp_path):
-    """A robot that is carried sideways with 1.2 m/s², feet on the ground, needs a friction of 1.2/9.81."""
-    clip = swaying_clip(g1(), 2.0)
+def carried_sideways(seconds: float) -> Clip:
+    """The robot is carried sideways with 1.2 m/s², feet on the ground: it needs a friction of 1.2/9.81 all the time."""
+    clip = swaying_clip(g1(), seconds)
     root = clip.root_pos_w.copy()
     root[:, 1] += 0.5 * 1.2 * (np.arange(clip.num_frames) / clip.fps) ** 2
-    save_clip(
-        replace(clip, joint_pos_rad=np.tile(g1().default_pos_rad, (len(root), 1)), root_pos_w=root), tmp_path / "a.npz"
-    )
+    return replace(clip, joint_pos_rad=np.tile(g1().default_pos_rad, (len(root), 1)), root_pos_w=root)
+
+
+def test_friction_is_not_drawn_below_what_the_clip_needs(tmp_path):
+    save_clip(carried_sideways(2.0), tmp_path / "a.npz")
     words = (f"motion={tmp_path / 'a.npz'}", "train=paper", "num_envs=64", f"run_dir={tmp_path / 'run'}", "threads=1")
     low = new_setup(compose_document([*words, "environment.randomization.friction=[0.05,0.3]"]))
     assert low.friction_needed == pytest.approx(1.2 / 9.81, abs=0.01)
@@ -49,6 +51,17 @@ def test_friction_is_not_drawn_below_what_the_clip_needs(tmp_path):
     assert friction_floor(low) == ["friction: drawn from 0.12 on, not from 0.05: the clip needs it"]
     high = new_setup(compose_document([*words, "environment.randomization.friction=[0.2,0.3]"]))
     assert friction_floor(high) == [] and high.followable == high.config
+
+
+@pytest.mark.parametrize(("seconds", "needed"), [(0.5, 0.0), (1.5, 1.2 / 9.81)])
+def test_of_several_clips_a_tenth_of_the_time_may_need_more_friction(seconds, needed, tmp_path):
+    """Half a second of eight and a half is less than a tenth, one and a half of nine and a half is more."""
+    (tmp_path / "clips").mkdir()
+    save_clip(carried_sideways(seconds), tmp_path / "clips" / "carried.npz")
+    save_clip(swaying_clip(g1(), 8.0), tmp_path / "clips" / "stands.npz")
+    words = (f"motions={tmp_path / 'clips'}", "train=tracker", f"run_dir={tmp_path / 'run'}")
+    setup = new_setup(compose_document(words))
+    assert setup.friction_needed == pytest.approx(needed, abs=0.01)
 
 
 def test_friction_ends_where_it_was_told_to():
