@@ -17,7 +17,10 @@ residual's torque is m g d / (1 + r²) and its force (in N) r times as much, as 
 """
 
 import copy
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -112,43 +115,50 @@ def bearing_feet(robot: Robot, reference: Reference) -> np.ndarray:
 
 def residual_wrench(demand: Demand, friction: float = FRICTION) -> Residual:
     """The residual of each half second, as the module's text defines it."""
-    left = unsupplied(demand, np.full(len(demand.wanted), friction))
-    edges = _window_edges(demand)
-    force, torque = (_means(np.linalg.norm(left[:, part], axis=1), edges) for part in (slice(3), slice(3, 6)))
+    left, edges = unsupplied(demand, friction), _window_edges(demand)
+    force, torque = (
+        np.add.reduceat(np.linalg.norm(left[:, part], axis=1), edges[:-1]) / np.diff(edges)
+        for part in (slice(3), slice(3, 6))
+    )
     bounds_s = np.minimum(edges, len(left) - 1) * demand.dt_s
     return Residual(bounds_s[:-1], bounds_s[1:], force, torque)
 
 
-def friction_needed(demand: Demand) -> np.ndarray:
-    """The floor for friction (T,): the least with which the half second about each tick can be supplied.
+def friction_needed(demands: Sequence[Demand], share: float = 1.0) -> float:
+    """The floor for friction: the least with which so large a share of all half seconds can be supplied.
 
-    Found by bisection to 0.005 in each half second: the least friction whose mean residual (force and torque, as a sum
-    of squares) is within 1 N of that with friction 1.2, the most that is looked at. The pyramid lies inside the cone:
+    Found by bisection to 0.005. A half second can be supplied where its mean residual (force and torque, as a sum of
+    squares) is within 1 N of that with friction 1.2, the most that is looked at. The pyramid lies inside the cone:
     along the diagonals of x and y up to 1.41 times as much as the ground would need is found.
     """
-    edges = _window_edges(demand)
-    ticks = np.diff(edges)
-
-    def mean_left(friction: np.ndarray) -> np.ndarray:
-        return _means(np.linalg.norm(unsupplied(demand, np.repeat(friction, ticks)), axis=1), edges)
-
-    low, high = np.zeros(len(ticks)), np.full(len(ticks), MOST_FRICTION)
-    allowed = mean_left(high) + _TOLERANCE
+    halves = [half for demand in demands for half in _half_seconds(demand)]
+    open_cases = [(half, _mean_left(half, MOST_FRICTION) + _TOLERANCE) for half in halves]
+    missing = math.ceil(share * len(halves))
+    low, high = 0.0, MOST_FRICTION
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        enough = mean_left(middle) <= allowed
-        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    return np.repeat(high, ticks)
+        enough = [_mean_left(half, middle) <= allowed for half, allowed in open_cases]
+        # With more friction what could be supplied still can, with less what could not still cannot: that is settled.
+        if found := sum(enough) >= missing:
+            high = middle
+        else:
+            low, missing = middle, missing - sum(enough)
+        open_cases = [case for case, supplied in zip(open_cases, enough, strict=True) if supplied == found]
+    return high
 
 
-def unsupplied(demand: Demand, friction: np.ndarray) -> np.ndarray:
-    """The wrench on the root (T,6), N in the world and Nm in the root's frame, that is left with `friction` (T,)."""
+def unsupplied(demand: Demand, friction: float) -> np.ndarray:
+    """The wrench on the root (T,6), N in the world and Nm in the root's frame, that is left."""
     left = demand.wanted[:, :6].copy()
     for tick, jacobians in enumerate(demand.jacobians):
         if len(jacobians):
-            push = ground_force_map(jacobians, float(friction[tick]))
+            push = ground_force_map(jacobians, friction)
             left[tick] -= push[:6] @ _ground_force(push, demand.wanted[tick], demand.torque_limit_nm)
     return left
+
+
+def _mean_left(demand: Demand, friction: float) -> float:
+    return float(np.linalg.norm(unsupplied(demand, friction), axis=1).mean())
 
 
 def _ground_force(push: np.ndarray, wanted: np.ndarray, limit_nm: np.ndarray) -> np.ndarray:
@@ -178,6 +188,7 @@ def _window_edges(demand: Demand) -> np.ndarray:
     return np.append(np.arange(max(1, total // length)) * length, total)
 
 
-def _means(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """The mean of `values` (T,) between each edge and the next."""
-    return np.add.reduceat(values, edges[:-1]) / np.diff(edges)
+def _half_seconds(demand: Demand) -> list[Demand]:
+    """The demand of each."""
+    parts = [slice(first, end) for first, end in pairwise(_window_edges(demand))]
+    return [replace(demand, wanted=demand.wanted[part], jacobians=demand.jacobians[part]) for part in parts]

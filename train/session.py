@@ -136,8 +136,8 @@ def told_before(setup: Setup) -> list[str]:
 def feasibility(robot: Robot, reference: Reference) -> list[str]:
     """What the ground can give of the motion, in words: a line, and one more where no robot can do it on its own."""
     demand = demand_of(robot, reference)
-    residual, friction = residual_wrench(demand), friction_needed(demand)
-    lines = [f"forces: {residual}; friction needed: {friction.max():.2f}"]
+    residual, friction = residual_wrench(demand), friction_needed([demand])
+    lines = [f"forces: {residual}; friction needed: {friction:.2f}"]
     seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in residual.impossible_spans_s())
     if seconds:
         lines.append(

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 from torch import Tensor
 
 from core.errors import InputError
@@ -25,7 +24,7 @@ from train.folder import CLIP_FILE, CLIPS_FOLDER, CONFIG_FILE
 from train.lineage import Source, find_source
 from train.mdp.tracking import CONTROL_PERIOD_S
 
-SHARE_SUPPLIED = 0.9  # of the ticks of several clips
+SHARE_SUPPLIED = 0.9  # of the half seconds of several clips
 
 
 @dataclass(frozen=True)
@@ -52,12 +51,11 @@ class Setup:
     def friction_needed(self) -> float:
         """The friction without which the ground cannot supply what a clip asks for.
 
-        Of several clips it supplies nine ticks of ten: a robot meets them all, and one hard moment of one of them must
-        not take every slippery floor from the others.
+        Of several clips it supplies nine half seconds of ten: a robot meets them all, and one hard moment of one of
+        them must not take every slippery floor from the others.
         """
-        demands = (demand_of(self.robot, reference) for reference in self.references.values())
-        needed = np.concatenate([friction_needed(demand) for demand in demands])
-        return float(np.quantile(needed, 1.0 if len(self.references) == 1 else SHARE_SUPPLIED))
+        demands = [demand_of(self.robot, reference) for reference in self.references.values()]
+        return friction_needed(demands, 1.0 if len(demands) == 1 else SHARE_SUPPLIED)
 
     @property
     def followable(self) -> TrainConfig:
