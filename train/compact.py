@@ -1,4 +1,4 @@
-"""Weights of an exported graph in half the bytes: where training's products are coarser, nothing is lost by it."""
+"""Weights of an exported graph in half the bytes: where training sets them no finer, nothing is lost by it."""
 
 import onnx
 import torch

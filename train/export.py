@@ -65,7 +65,7 @@ def actor_spec(
 def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -> str:
     """Write the actor to ``path``, which appears only when it is proven and complete; return the file's SHA-256.
 
-    Weights that training used no finer than half precision are stored in it.
+    Weights that training sets no finer than half precision holds are stored in it.
 
     Raises:
         ExportError: torch and onnxruntime differ by more than 1e-5 (relative to the largest action above 1).

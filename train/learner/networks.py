@@ -81,7 +81,7 @@ class Residual(Protocol):
 
     @property
     def half_suffices(self) -> bool:
-        """Whether no product sees its weights finer than half precision holds them."""
+        """Whether half precision holds its weights as finely as training sets them."""
         ...
 
     @property

@@ -106,6 +106,7 @@ class BoundedResidual(nn.Module):
     """
 
     bound: Tensor
+    half_suffices = True  # an update moves weights by more than half precision rounds them
 
     def __init__(
         self,
@@ -140,11 +141,6 @@ class BoundedResidual(nn.Module):
     @low_precision.setter
     def low_precision(self, value: bool) -> None:
         self.network.low_precision = value
-
-    @property
-    def half_suffices(self) -> bool:
-        """See :class:`train.learner.networks.Residual`: bf16 is coarser, in every layer."""
-        return self.low_precision
 
     def stored(self, x: Tensor) -> Tensor:
         """x as it is kept for a later pass."""

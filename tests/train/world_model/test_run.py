@@ -56,6 +56,12 @@ def test_the_run_leaves_an_actor_of_any_clip_and_says_what_it_did(trained):
     assert np.abs(actor.reference.feedforward_rad).max() > 0.01
 
 
+def test_its_weights_are_stored_in_half_precision_also_where_training_was_in_fp32(trained):
+    graph = onnx.load(str(trained / "actor.onnx")).graph
+    large = [weight for weight in graph.initializer if np.prod(weight.dims) >= 1000]
+    assert len(large) == 3 and {weight.data_type for weight in large} == {onnx.TensorProto.FLOAT16}
+
+
 def test_its_actor_plays_clips_it_never_saw(trained, capsys):
     assert evaluate(["--policy", str(trained / "actor.onnx"), "--motion", "side_kick", "--motion", "stand"]) == 0
     assert "completed %" in capsys.readouterr().out
