@@ -8,7 +8,7 @@ import numpy as np
 from core.errors import InputError
 from deploy.actors import follows_goals, load_run, load_runs
 from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig
-from deploy.settings import load_settings
+from deploy.settings import EntrySettings, load_settings
 from motion.clip_set import open_clips
 from robot.robot import Robot, load_robot
 from sim2sim.episode import EpisodeScore
@@ -34,6 +34,8 @@ class Player:
         if len(periods) > 1:
             raise InputError("actors of different control periods cannot be compared", got=f"{sorted(periods)} s")
         self.period_s = periods.pop()
+        if request.start == "stand":
+            _check_sensors(request, entry)
         self._rigs: dict[int, EpisodeRig] = {}
 
     def names(self) -> list[str]:
@@ -64,6 +66,22 @@ class Player:
         )
         kind = request.goal if follows_goals(self.runs[run].actor.spec) else None
         return score_of(result, self.robot, kind)
+
+
+def _check_sensors(request: EvaluationRequest, entry: EntrySettings) -> None:
+    """A standing robot never comes inside its entry conditions where noise alone is wider than they are."""
+    options = request.sim_options()
+    noise = options.randomization.noise if options.randomize else options.noise
+    widths = {"tilt_rad": noise.gravity, "joint_vel_rad_s": noise.joint_vel_rad_s, "ang_vel_rad_s": noise.ang_vel_rad_s}
+    for name, width in widths.items():
+        if width > getattr(entry, name):
+            raise InputError(
+                "sensors too noisy for a robot that stands up first",
+                where="--start stand",
+                got=f"±{width:g} of {name}",
+                expected=f"{getattr(entry, name):g} at most, as entry in configs/deploy has it",
+                hint="leave out --randomize, or begin at the clip with --start reference",
+            )
 
 
 def run_names(policies: Sequence[str]) -> list[str]:

@@ -247,6 +247,7 @@ def test_the_makers_meshes_are_in_the_pictures(still: str) -> None:
         (["--policy", "STILL", "--report", ""], "--report: got nothing, expected a path"),
         (["--policy", "STILL", "--episodes", "two"], "--episodes: got two, expected a whole number from 0 up"),
         (["--policy", "STILL", "--push", "hard"], "--push: got hard, expected a finite number from 0 up"),
+        (["--policy", "STILL", "--start", "stand", "--randomize"], "--start stand: sensors too noisy"),
         (["--policy", "STILL", "--friction", "0"], "friction: too small, got 0.0, expected at least 1e-05"),
     ],
     ids=lambda value: " ".join(value)[:50] if isinstance(value, list) else "",
