@@ -138,8 +138,9 @@ def friction_needed(demands: Sequence[Demand], share: float = 1.0) -> float:
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         enough = [_mean_left(half, middle) <= allowed for half, allowed in open_cases]
+        found = sum(enough) >= missing
         # With more friction what could be supplied still can, with less what could not still cannot: that is settled.
-        if found := sum(enough) >= missing:
+        if found:
             high = middle
         else:
             low, missing = middle, missing - sum(enough)
