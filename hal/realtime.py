@@ -32,7 +32,7 @@ def realtime(say: Callable[[str], None]) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, cores)
-        os.sched_setscheduler(0, policy, priority)
+        _schedule_as(policy, priority)
         ctypes.CDLL(None).munlockall()
 
 
@@ -57,6 +57,14 @@ def schedule(priority: int = PRIORITY, *, inherited: bool = False) -> str:
     except OSError as error:
         return f"no SCHED_FIFO ({error.strerror})"
     return f"SCHED_FIFO, priority {priority}"
+
+
+def _schedule_as(policy: int, priority: os.sched_param) -> None:
+    """Back to an earlier scheduling. Who has SCHED_FIFO by a limit alone may not take SCHED_RESET_ON_FORK back."""
+    try:
+        os.sched_setscheduler(0, policy, priority)
+    except PermissionError:
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
 
 
 def lock_memory() -> str:

@@ -2,6 +2,8 @@
 
 import gc
 import os
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -18,6 +20,25 @@ def test_scheduling_and_cores_are_as_before_also_after_an_error():
         raise RuntimeError
     assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
     assert len(said) == 3 and all(line.startswith("realtime: ") for line in said)
+
+
+def test_who_has_it_by_a_limit_alone_leaves_without_an_error():
+    """SCHED_RESET_ON_FORK stays: to take it back needs CAP_SYS_NICE, which this process gives up inside."""
+    code = """
+import os
+from hal.realtime import realtime
+said = []
+with realtime(said.append):
+    os.setuid(65534)
+assert "realtime: SCHED_FIFO, priority 50" in said, said
+assert os.sched_getscheduler(0) in (os.SCHED_OTHER, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK)
+"""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a privilege up")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    if "no SCHED_FIFO" in run.stderr:
+        pytest.skip("this machine does not permit SCHED_FIFO")
+    assert run.returncode == 0, run.stderr
 
 
 def test_refusals_are_said(monkeypatch):
