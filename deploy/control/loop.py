@@ -86,7 +86,8 @@ class Loop:
             timer.begin(clock.now_s() - deadline_s)
             reading = self._read()
             timer.lap("read")
-            result = self._tick(reading, self._requests(reading), self._inference_s, self._overran, self._lap)
+            took_s, self._inference_s = self._inference_s, 0.0  # where no actor acts, nothing took time
+            result = self._tick(reading, self._requests(reading), took_s, self._overran, self._lap)
             timer.lap("guard")
             self._send(result)
             timer.lap("write")

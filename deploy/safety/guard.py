@@ -100,8 +100,9 @@ class Guard:
         return JointCommand(wish.target_rad, self._no_velocity, wish.kp, wish.kd, self._no_velocity)
 
     def reset(self) -> None:
-        """Forget violations in a row and what was last sent; the counts stay."""
-        for tally in self._tallies.values():
-            tally.reset()
+        """The joints are not driven: forget what was sent, and violations of rules that ask only while they are."""
+        for rule in self._trips:
+            if rule.moving:
+                self._tallies[rule.name].reset()
         self._late_hold.reset()
         self._gate.reset()

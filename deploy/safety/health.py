@@ -15,7 +15,7 @@ class StateNotFinite(TripRule):
     name = "state_not_finite"
     moving = False
     ticks = 1
-    _FIELDS = ("joint_pos_rad", "joint_vel_rad_s", "imu_quat_wxyz", "imu_ang_vel_b", "joint_age_s")
+    _FIELDS = ("joint_pos_rad", "joint_vel_rad_s", "joint_torque_nm", "imu_quat_wxyz", "imu_ang_vel_b", "joint_age_s")
 
     def __init__(self, robot: Robot) -> None:
         self._names = robot.joint_names

@@ -14,7 +14,7 @@ from deploy.safety.guard import Guard
 from hal.contract.types import LinkLost
 from hal.wire.backend import WireBackend
 from tests.deploy.control.test_states import FAST, Stage
-from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, Asked, SpokenAtOnce, linear_run, state
+from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, Asked, SpokenAtOnce, linear_run, state, with_joint
 from tests.hal.conformance.rigs import ready
 from tests.hal.wire.fake import FakeFactory
 
@@ -46,6 +46,18 @@ def test_a_fault_that_lasts_is_said_again_and_stays_latched(folder):
     again = stage(reading=SICK)
     assert again.fault == first and again.fault is not first and again.mode is Mode.DAMPING
     assert stage().mode is Mode.DAMPING and stage.machine.latched
+
+
+@pytest.mark.parametrize("mode", [Mode.IDLE, Mode.READY])
+def test_a_motor_that_stays_hot_is_a_fault_at_rest_too(folder, mode):
+    """Five ticks in a row: being at rest must not start their count again."""
+    stage = Stage(folder).bring_to(mode)
+    hot = with_joint("temperature_c", 95.0)
+    faults = [stage(reading=hot).fault for _ in range(5)]
+    assert faults[:4] == [None] * 4 and faults[4].rule == "temperature"
+    stage(Request.ACKNOWLEDGE, reading=hot)
+    assert {stage(reading=hot).mode for _ in range(200)} == {Mode.IDLE if mode is Mode.IDLE else Mode.DAMPING}
+    assert stage.machine.latched and stage(Request.STAND, reading=hot).refused
 
 
 def test_a_stop_ends_the_waiting(folder):
@@ -90,6 +102,7 @@ class OneAcknowledgement:
         return {1: (Request.ACKNOWLEDGE,), 50: (Request.QUIT,)}.get(self.since, ())
 
 
+@pytest.mark.real_time
 def test_one_acknowledgement_is_enough_on_a_wire(folder):
     """The wire process needs longer than a tick to clear a fault."""
     run = linear_run(folder, name="stand")

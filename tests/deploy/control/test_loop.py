@@ -188,6 +188,24 @@ def test_slow_inference_trips_on_the_loop_s_clock(tmp_path):
     assert rig.machine.fault.rule == "inference_overrun" and rig.guard.counts["inference_overrun"] == 3
 
 
+def test_one_slow_inference_is_judged_once(tmp_path):
+    """In LOWERING no actor acts: what the last one took says nothing of the ticks after it."""
+    rig = Rig(tmp_path, plan="none", operators=[Asked({0: [Request.STAND]})])
+    infer = rig.machine._stand._controller.act
+
+    def slow_once(*arguments, **named):
+        rig.machine._stand._controller.act = infer
+        rig.clock.sleep_until(rig.clock.now_s() + 0.03)
+        rig.machine.request(Request.FINISH, state())
+        return infer(*arguments, **named)
+
+    rig.machine._stand._controller.act = slow_once
+    rig.loop._duration_s = 12.0
+    rig.loop.run()
+    assert rig.modes[-2:] == [Mode.LOWERING, Mode.DAMPING] and rig.machine.fault is None
+    assert rig.guard.counts["inference_overrun"] == 1
+
+
 def test_only_the_clip(tmp_path):
     rig = Rig(tmp_path, plan="none")
     rig.machine.start_tracking()

@@ -138,6 +138,7 @@ TRIPS = [
     ("stale", state(imu_age_s=3 * PERIOD_S), 1, "IMU"),
     ("state_not_finite", with_joint("joint_pos_rad", np.nan), 1, "left_knee_joint"),
     ("state_not_finite", with_joint("joint_vel_rad_s", np.inf), 1, "left_knee_joint"),
+    ("state_not_finite", with_joint("joint_torque_nm", np.nan), 1, "joint_torque_nm of left_knee_joint"),
     ("state_not_finite", state(imu_quat_wxyz=np.full(4, np.nan)), 1, "IMU"),
     ("state_not_finite", state(imu_ang_vel_b=np.array([0.0, np.nan, 0.0])), 1, "IMU"),
     ("state_not_finite", state(imu_quat_wxyz=np.zeros(4)), 1, "length 0.00"),
