@@ -36,11 +36,15 @@ class TickResult:
 
 
 class Tick:
-    """The step that the loop and the evaluation share. Everything it remembers is in the machine and the guard."""
+    """The step that the loop and the evaluation share. What decides is remembered by machine and guard alone.
+
+    cut_short: what was foreseen and ended a clip in HOLD, or standing by lowering; None: nothing did.
+    """
 
     def __init__(self, machine: StateMachine, guard: Guard) -> None:
         self.machine = machine
         self.guard = guard
+        self.cut_short: str | None = None
         self._mode = Mode.IDLE
 
     def __call__(
@@ -88,9 +92,11 @@ class Tick:
         machine, guard = self.machine, self.guard
         if guard.urgent is not None and machine.can_lower:
             machine.request(Request.FINISH, state)
+            self.cut_short = self.cut_short or guard.urgent
             return guard.urgent
         if guard.warning is not None and machine.mode is Mode.TRACKING:
             machine.request(Request.HOLD, state)
+            self.cut_short = self.cut_short or guard.warning
         return None
 
     def _fault_of(self, reading: RobotState | DeviceError, inference_s: float, overran: bool) -> Fault | None:

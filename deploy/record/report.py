@@ -17,7 +17,7 @@ from robot.robot import Robot
 class RunReport:
     """outcome: completed, tripped or stopped. fault: the rule that tripped, or why the run could not go on.
 
-    gave_up: whether the unattended sequence stopped because a step's conditions never came.
+    gave_up: whether a run without an operator ended early, though nothing tripped.
     """
 
     outcome: str
@@ -43,11 +43,12 @@ def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -
     actor, recorder, fault = cell.performer, cell.recorder, cell.machine.fault
     clips = [(played.name, played.metrics(robot.kinematics)) for played in recorder.performances]
     known = [played for played in recorder.performances if played.known_root]
+    early = ending.failure or (None if options.attended else cell.tick.cut_short)
     outcome, reason = "completed", None
     if fault is not None:
         outcome, reason = "tripped", str(fault)
-    elif ending.by == "operator" or ending.failure is not None:
-        outcome, reason = "stopped", ending.failure
+    elif ending.by == "operator" or early is not None:
+        outcome, reason = "stopped", early
     content = {
         "policy_sha256": actor.actor.sha256,
         "motion": actor.name,
@@ -63,16 +64,17 @@ def make_report(options: RunOptions, robot: Robot, cell: Cell, ending: Ending) -
         "heading_error_rad": float(np.mean(recorder.off_rad)) if recorder.off_rad else None,
         "timing": cell.timer.report(),
         "limits": dict(cell.guard.counts),
-        "wire": None if ending.wire is None else _finite(ending.wire),
+        "wire": ending.wire,
     }
-    return RunReport(outcome, reason, ending.failure is not None, content)
+    return RunReport(outcome, reason, early is not None, _finite(content))
 
 
 def summary(report: RunReport) -> Sequence[str]:
     """The result in lines for a person."""
     content = report.content
     lines = [f"outcome {report.outcome}" + (f" ({report.fault})" if report.fault else "")]
-    known = {name: value["mean"] for name, value in content["metrics"].items() if value is not None}
+    means = {name: value and value["mean"] for name, value in content["metrics"].items()}
+    known = {name: mean for name, mean in means.items() if mean is not None}
     lines += [f"  {name:22} {value:.4g}" for name, value in known.items()]
     if content["heading_error_rad"] is not None:
         lines.append(f"  {'heading_error_rad':22} {content['heading_error_rad']:.4g}, while steered")

@@ -1,17 +1,20 @@
 """A whole run in this process, from options to report."""
 
 import contextlib
+from dataclasses import replace
 
 import pytest
 
 import deploy.session
 from core.clock import SimulatedClock
 from core.errors import InputError
+from deploy.cli import exit_code
 from deploy.control.states import Request
 from deploy.episode import Start
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
 from deploy.session import run_session
+from hal.simulated.mock import MockBackend
 from tests.deploy.toys import write_linear_actor, write_standing_actor
 from world.scene import FLAT, Box, Scene
 
@@ -113,3 +116,24 @@ def test_a_simulated_robot_is_placed_when_nothing_is_left_to_prepare(tmp_path, m
     policy = str(write_linear_actor(tmp_path / "toy.onnx"))
     run_session(RunOptions("mock", (policy,), start=Start.REFERENCE, interactive=True), SwitchesAtTick(-1), Voice())
     assert done == ["watching", "people", "no_garbage_collection", "realtime", "place_at_reference"]
+
+
+@pytest.mark.parametrize(("charge", "share"), [(0.15, 0.0), (0.05, None)])
+def test_a_run_that_the_battery_cut_short_is_not_completed(tmp_path, monkeypatch, charge, share):
+    """15 %: the clip ends in HOLD after one tick of its 250. 5 %: the robot is lowered before it begins."""
+    read, write, written = MockBackend.read, MockBackend.write, []  # the preflight would refuse such a battery
+    monkeypatch.setattr(MockBackend, "write", lambda self, command: (written.append(command), write(self, command)))
+    monkeypatch.setattr(MockBackend, "read", lambda self: replace(read(self), charge=charge if written else 0.9))
+    stand = str(write_standing_actor(tmp_path / "stand.onnx"))
+    clip = str(write_linear_actor(tmp_path / "clip.onnx", seconds=5.0, name="clip"))
+    report = run_session(RunOptions("mock", (clip,), stand=stand), SwitchesAtTick(-1), Voice())
+    assert report.outcome == "stopped" and report.fault.startswith("the battery is at") and exit_code(report) == 1
+    ratio = report.content["metrics"]["episode_length_ratio"]
+    assert (ratio and ratio["mean"]) == (None if share is None else pytest.approx(share, abs=0.01))
+
+
+def test_with_a_full_battery_it_is_completed(tmp_path):
+    stand = str(write_standing_actor(tmp_path / "stand.onnx"))
+    clip = str(write_linear_actor(tmp_path / "clip.onnx", seconds=1.0, name="clip"))
+    report = run_session(RunOptions("mock", (clip,), stand=stand), SwitchesAtTick(-1), Voice())
+    assert report.outcome == "completed" and report.fault is None and exit_code(report) == 0
