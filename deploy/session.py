@@ -74,7 +74,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
     A stop signal up to the end of the preflight, while nothing is energised, raises Stopped.
     """
     options.check()
-    with contextlib.ExitStack() as stack:
+    # What `kept` holds is left last: it is written when the wire is closed.
+    with contextlib.ExitStack() as kept, contextlib.ExitStack() as stack:
         with signals.breaking_off():
             setup = _prepare(options, stack, voice)
             report_only = options.backend == "mujoco" and setup.sim.report_only
@@ -93,7 +94,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
         if options.dry_run:
             ending = _rehearse(options, setup, info, cell, signals)
         else:
-            ending = _perform(options, setup, cell, film, signals, estop)
+            observers = watching(options, setup.robot, setup.backend, setup.settings.record, voice, kept)
+            ending = _perform(options, setup, cell, [*([] if film is None else [film]), *observers], signals, estop)
             if options.hand_back and cell.machine.fault is None and isinstance(setup.backend, WireBackend):
                 setup.backend.hand_back()
     report = make_report(options, setup.robot, cell, ending)
@@ -230,13 +232,12 @@ def _wire_report(backend: Backend) -> dict[str, Any] | None:
 
 
 def _perform(
-    options: RunOptions, setup: _Setup, cell: Cell, film: "Film | None", signals: StopSignals, estop: EStop | None
+    options: RunOptions, setup: _Setup, cell: Cell, seeing: list[Observer], signals: StopSignals, estop: EStop | None
 ) -> Ending:
-    """Run the loop."""
+    """Run the loop. seeing: who looks on besides the console."""
     console = Console(setup.voice, setup.backend, setup.clock, refusals=options.attended)
-    observers: list[Observer] = [console, *([] if film is None else [film])]
+    observers = [console, *seeing]
     with contextlib.ExitStack() as stack:
-        observers += watching(options, setup.robot, setup.backend, setup.settings.record, setup.voice, stack)
         operators: list[RequestSource] = [signals, *([] if estop is None else [estop])]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise

@@ -48,6 +48,7 @@ class LastSeconds:
         self._due: int | None = None
         self._fault: Fault | None = None
         self._writer: threading.Thread | None = None
+        self._breath_s = BREATH_S
 
     def __enter__(self) -> Self:
         return self
@@ -55,7 +56,8 @@ class LastSeconds:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what is due, and wait until it is written."""
+        """Write what is due, and wait until it is written. The loop is over: nobody is kept waiting."""
+        self._breath_s = 0.0
         if self._writer is not None:
             self._writer.join()
         if self._ticks and (self._due is not None or kind is not None):
@@ -84,7 +86,7 @@ class LastSeconds:
                 for messages in ticks:
                     for message in messages:
                         file.add(message)
-                    time.sleep(BREATH_S)
+                    time.sleep(self._breath_s)
                 file.finish()
             finally:
                 file.close()

@@ -22,6 +22,7 @@ from deploy.record.messages import TickMessages
 from deploy.record.read_log import read_log
 from deploy.record.replay_log import main as replay
 from deploy.safety.guard import Guard
+from hal.simulated.mujoco import MujocoBackend
 from tests.deploy.test_cli import ENVIRONMENT, RUN, wait_for
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
@@ -171,6 +172,10 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
 
 @pytest.mark.real_time
 def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys):
+    close, there = MujocoBackend.close, []
+    monkeypatch.setattr(
+        MujocoBackend, "close", lambda self: (there.append((tmp_path / "incidents").exists()), close(self))
+    )
     monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
     options = ["--backend", "mujoco", "--start", "reference", "--policy", str(actor), "--realtime"]
     assert main(options) == 3
@@ -178,3 +183,4 @@ def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys
     assert f"ticks are in {path}" in capsys.readouterr().err
     log = read_log(path)
     assert log.cut is None and log.about["reason"].startswith("tilt: ") and len(log.ticks) > 20
+    assert there == [False]  # motors are let go first: writing takes seconds
