@@ -49,6 +49,9 @@ def load_run(
         clip = motion.clip
         info = motion_info(clip, motion.name, clip.joint_pos_rad[0, joint_columns(clip, robot)])
     actor = load_actor(policy, robot, info)
+    if asks := [*(command.name for command in actor.spec.commands), *(grid.name for grid in actor.spec.maps)]:
+        got, expected = ", ".join(asks), "no commands and no maps: nothing gives them here"
+        raise InputError("the actor asks for more than a motion", where=actor.path, got=got, expected=expected)
     if clip is None and actor.motion_npz is not None:
         clip = clip_from_bytes(actor.motion_npz, f"{actor.path}: motion")
         wanted = None if actor.spec.motion is None else actor.spec.motion.sha256

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from core.config import config_file, load_options
+from core.errors import InputError
 from core.structured import at_least, ordered, positive, within
 from deploy.safety.settings import BatteryLevel, Checked, SafetySettings
 
@@ -99,6 +100,8 @@ class LoweringSettings(Checked):
         super().__post_init__()
         at_least("down_s", self.down_s, FASTEST_LOWERING_S)
         at_least("fade_s", self.fade_s, FASTEST_FADE_S)
+        if not self.ankle_pitch_joints:
+            raise InputError("no joint", where="ankle_pitch_joints", got="[]", expected="what balances the robot")
 
     @property
     def joints(self) -> frozenset[str]:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from core.rotations import projected_gravity
+from core.structured import one_of, within
 from deploy.safety.rules import Wish
 from deploy.settings import DeploySettings, LoweringSettings
 from hal.contract.types import RobotState
@@ -83,8 +84,17 @@ class Lowering:
 def lowering_for(
     robot: Robot, stand_pose_rad: np.ndarray, settings: DeploySettings, period_s: float
 ) -> Lowering | None:
-    """None where nothing is configured, or for a robot without the joints of the crouch: it is damped instead."""
+    """None where nothing is configured, or all of it for another robot: it is damped instead.
+
+    Raises:
+        InputError: a joint is unknown, or does not reach where it is to go.
+    """
     lowering = settings.lowering
-    if lowering is None or not lowering.joints <= set(robot.joint_names):
+    if lowering is None or lowering.joints.isdisjoint(robot.joint_names):
         return None
+    for name in sorted(lowering.joints):
+        one_of("lowering", name, robot.joint_names, "unknown joint")
+    for name, joint in lowering.crouch.items():
+        row = robot.joint_names.index(name)
+        within(f"lowering.crouch.{name}.rad", joint.rad, robot.pos_lower_rad[row], robot.pos_upper_rad[row])
     return Lowering(robot, stand_pose_rad, lowering, period_s, settings.blend_s)

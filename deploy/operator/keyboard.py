@@ -84,6 +84,8 @@ class Keyboard:
         if self._consent is not None and (len(data) > 1 or data.startswith(ESCAPE)):
             return self._only_stops(data)
         text = data.decode("utf-8", errors="replace")
+        if len(text) == 1 and KEYS.get(text.lower()) in STOPS:  # caps lock is on; an arrow key's D never comes alone
+            text = text.lower()
         return [request for key in text if (request := self._press(key)) is not None]
 
     def _press(self, key: str) -> Request | None:

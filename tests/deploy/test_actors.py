@@ -8,12 +8,25 @@ import torch
 
 from core.errors import InputError
 from deploy.actors import check_bounds, check_start, load_run, reference_for
+from motion.clip import clip_to_bytes
 from policy.actor import bundled_actors, resolve_actor
+from policy.inputs import MapSpec
 from policy.layouts import LAYOUTS
-from policy.metadata import read_metadata
+from policy.metadata import read_metadata, write_metadata
 from policy.observation import window_ticks
 from policy.reference import window_at
-from tests.deploy.toys import KNEE, ROBOT, SETTINGS, linear_run
+from policy.spec import ObservationTerm, motion_info
+from tests.deploy.toys import (
+    JOINTS,
+    KNEE,
+    OBSERVATION,
+    ROBOT,
+    SETTINGS,
+    SIZE,
+    linear_run,
+    still_clip,
+    write_matrix_actor,
+)
 from tests.shared_data import SHARED, needs_shared_data
 from tests.train.worlds import settings, swaying_clip, swaying_reference
 from train.mdp.factory import build_environment
@@ -46,6 +59,18 @@ def test_what_does_not_suit_the_robot_is_refused_by_name(toy, change, says):
     run.__dict__ |= toy.__dict__ | {"actor": replace(toy.actor, spec=replace(toy.actor.spec, **change))}
     with pytest.raises(InputError, match=r"toy\.onnx: " + says):
         check_bounds(run, ROBOT, SETTINGS.actor)
+
+
+def test_what_nothing_would_give_it_is_refused(tmp_path):
+    """An actor that waits for a map would be shown values that are no numbers."""
+    heights = MapSpec("heights", (0.0, 0.1), (0.0,), 1.0, 0.5)
+    group = replace(OBSERVATION, terms=(*OBSERVATION.terms, ObservationTerm("height_map", of="heights")))
+    clip = still_clip(1.0)
+    path, matrix = tmp_path / "seeing.onnx", np.zeros((SIZE + 2, JOINTS), dtype=np.float32)
+    motion = motion_info(clip, "still", clip.joint_pos_rad[0])
+    write_metadata(path, write_matrix_actor(path, matrix, group, motion=motion, maps=(heights,)), clip_to_bytes(clip))
+    with pytest.raises(InputError, match=r"seeing\.onnx: .*more than a motion, got heights, expected no commands"):
+        load_run(path, None, ROBOT, SETTINGS.entry)
 
 
 @pytest.mark.parametrize(("off_rad", "taken"), [(0.14, True), (-0.14, True), (0.16, False), (-0.4, False)])

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.lowering import put_down
+from core.errors import InputError
 from deploy.control.lowering import Lowering, lowering_for
 from deploy.control.states import Mode, Request, StateMachine
 from deploy.safety.rules import Wish
+from deploy.settings import CrouchJoint
 from tests.deploy.toys import JOINTS, PERIOD_S, ROBOT, SETTINGS, linear_run, state, tilted
 
 POSE = ROBOT.default_pos_rad
@@ -98,7 +100,29 @@ def test_where_nobody_balances_it_is_damped(tmp_path):
 
 
 def test_a_robot_without_the_joints_or_the_setting_is_not_lowered():
-    other = replace(SETTINGS.lowering, ankle_roll_joints=("tail_joint",))
+    other = replace(SETTINGS.lowering, ankle_pitch_joints=("tail_joint",), ankle_roll_joints=(), crouch={})
     for lowering_settings in (None, other):
         settings = replace(SETTINGS, lowering=lowering_settings)
         assert lowering_for(ROBOT, POSE, settings, PERIOD_S) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            {"crouch": {"left_kne_joint": CrouchJoint(2.4, 2.0)}},
+            "got left_kne_joint, .*did you mean left_knee_joint",
+        ),
+        ({"ankle_roll_joints": ("tail_joint",)}, "unknown joint, got tail_joint"),
+        ({"crouch": {"left_knee_joint": CrouchJoint(24.0, 2.0)}}, r"crouch.left_knee_joint.rad.*24.0.*2.8"),
+    ],
+)
+def test_a_crouch_that_the_robot_cannot_take_is_refused(change, says):
+    settings = replace(SETTINGS, lowering=replace(SETTINGS.lowering, **change))
+    with pytest.raises(InputError, match=says):
+        lowering_for(ROBOT, POSE, settings, PERIOD_S)
+
+
+def test_without_ankles_nothing_would_balance_it():
+    with pytest.raises(InputError, match="ankle_pitch_joints"):
+        replace(SETTINGS.lowering, ankle_pitch_joints=())

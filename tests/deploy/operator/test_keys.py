@@ -46,6 +46,13 @@ def test_keys_from_a_pipe(pipe):
         assert list(keyboard.poll()) == [Request.ACKNOWLEDGE, Request.FINISH]
 
 
+def test_stops_are_heard_with_caps_lock_on_and_nothing_else_is(terminal):
+    master, slave = terminal
+    with Keyboard(slave, lambda line: None, Consent(given=True)) as keyboard:
+        assert typed(keyboard, master, "D", "Q", "S", "T", "H", "A") == [Request.DAMP, Request.FINISH]
+        assert typed(keyboard, master, "\x1b[D", "DQ") == []
+
+
 def test_the_end_of_a_pipe_ends_nothing(pipe):
     read, write = pipe
     with Keyboard(read, lambda text: None) as keyboard:
