@@ -25,7 +25,6 @@ from hal.wire.driver import Cycle
 from hal.wire.outbox import Outbox, Outgoing
 from robot.robot import Robot
 
-REOPEN_S = 0.5
 # An adapter that has been open a moment ago need not be given time to wake up.
 AWAKE: dict[str, dict[str, float]] = {"slcan": {"sleep_after_open": 0.0}}
 SILENT_S = 0.5
@@ -66,7 +65,6 @@ class CanBus:
         self._state: StateBoard | None = None
         self._broken: str | None = None
         self._strangers: set[str] = set()
-        self._retry_s = 0.0
 
     @property
     def in_rounds(self) -> bool:
@@ -111,7 +109,7 @@ class CanBus:
         """The operator has seen that the bus was gone. Raises DeviceError where it still is."""
         with self.lock:
             if not self.link.is_open:
-                self.link.open()
+                raise DeviceError(self._broken or f"bus {self.name}: not open")
             if self._broken is not None:
                 self._show(self._broken, False)
             self._broken = None
@@ -153,7 +151,8 @@ class CanBus:
     def _round(self, outbox: Outbox, state: StateBoard) -> None:
         begun_s = time.monotonic()
         try:
-            self._reopen(begun_s)
+            if not self.link.is_open:
+                self.link.look_for()  # it is back only when the operator says so
             self._drain(begun_s - self.period_s)
             asked = [motor.unanswered.begin_round(motor.heard) for motor in self.motors]
             for motor, is_asked in zip(self.motors, asked):
@@ -281,15 +280,6 @@ class CanBus:
             self.latch(motor, "it has switched itself off")
         if motor.torque_check is not None and motor.torque_check.problem is not None:
             self.latch(motor, motor.torque_check.problem)
-
-    def _reopen(self, now_s: float) -> None:
-        """An adapter that is gone is looked for every 0.5 s. It is back only when the operator says so."""
-        if self.link.is_open:
-            return
-        if now_s < self._retry_s:
-            raise DeviceError(self._broken or f"bus {self.name}: not open")
-        self._retry_s = now_s + REOPEN_S
-        self.link.open()
 
     def _show(self, name: str, present: bool) -> None:
         if self._state is not None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import threading
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -18,6 +19,7 @@ from hal.wire.adapter import CanInterface, adapter_serial, can_interface
 # python-can raises its own errors, but also what the system and the adapters' libraries raise.
 ERRORS = (can.CanError, OSError, ValueError, TypeError, NotImplementedError)
 SOCKETCAN = "socketcan"
+REOPEN_S = 0.5
 BUS_OFF = 0x40  # class of an error frame, linux/can/error.h
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
@@ -30,6 +32,10 @@ class CanLink:
         self.received = self.error_frames = 0
         self._bus: can.BusABC | None = None
         self._echoes: Counter[tuple[int, bytes]] | None = None
+        self._looking: threading.Thread | None = None
+        self._found: can.BusABC | None = None
+        self._problem = f"bus {name}: the adapter is gone"
+        self._retry_s = 0.0
 
     @property
     def is_open(self) -> bool:
@@ -55,19 +61,36 @@ class CanLink:
 
     def open(self) -> None:
         """Open the adapter. What was waiting in it is thrown away."""
-        self._echoes = Counter() if self.arguments["interface"] in ECHOING else None
         try:
-            self._bus = _opened(**self.arguments)
+            self._take(_opened(**self.arguments))
         except ERRORS as error:
             raise DeviceError(f"bus {self.name}: cannot open {self.where}: {error}") from error
-        self.drain()
+
+    def look_for(self) -> None:
+        """Look for an adapter that is gone, every 0.5 s, without waiting: some take seconds to open.
+
+        Raises:
+            DeviceError: it is not back yet.
+        """
+        now_s = time.monotonic()
+        found, self._found = self._found, None
+        if found is not None:
+            self._take(found)
+            return
+        if now_s >= self._retry_s and (self._looking is None or not self._looking.is_alive()):
+            self._retry_s = now_s + REOPEN_S
+            self._looking = threading.Thread(target=self._look, name=f"open {self.name}", daemon=True)
+            self._looking.start()
+        raise DeviceError(self._problem)
 
     def close(self) -> None:
         """Let go. May be repeated."""
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            with contextlib.suppress(*ERRORS):
-                bus.shutdown()
+        buses = self._bus, self._found
+        self._bus = self._found = None
+        for bus in buses:
+            if bus is not None:
+                with contextlib.suppress(*ERRORS):
+                    bus.shutdown()
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Hand frames to the adapter, which sends each when the wire is free."""
@@ -125,6 +148,17 @@ class CanLink:
         while self.receive(0.0) is not None:
             count += 1
         return count
+
+    def _look(self) -> None:
+        try:
+            self._found = _opened(**self.arguments)
+        except ERRORS as error:
+            self._problem = f"bus {self.name}: cannot open {self.where}: {error}"
+
+    def _take(self, bus: can.BusABC) -> None:
+        self._echoes = Counter() if self.arguments["interface"] in ECHOING else None
+        self._bus = bus
+        self.drain()
 
     def _note_error(self, kinds: int) -> None:
         """The controller saw an error on the wire. Raises DeviceError where it has taken itself off the bus."""

@@ -118,6 +118,9 @@ class Wireless:
             raise DeviceError("bus bus: cannot open nowhere: gone")
         self.is_open = True
 
+    def look_for(self) -> None:
+        self.open()
+
     def close(self) -> None:
         self.is_open = False
 

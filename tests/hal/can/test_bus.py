@@ -243,7 +243,6 @@ def test_an_adapter_that_goes_is_damped_and_comes_back_on_the_operators_word() -
     with pytest.raises(DeviceError):
         rig.bus.mend()
     rig.link.gone = False
-    rig.bus._retry_s = 0.0
     rig.round()
     assert rig.told(HIP)[2] == 0.0, "back on the wire, only damping is sent"
     rig.bus.mend()

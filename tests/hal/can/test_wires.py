@@ -1,5 +1,6 @@
 """The same servos over each transport that needs no CAN hardware."""
 
+import contextlib
 import select
 import socket
 import subprocess
@@ -9,6 +10,7 @@ import time
 import numpy as np
 import pytest
 
+import hal.can.link
 from hal.can.bus import CanBus
 from hal.can.frame import Frame
 from hal.can.link import CanLink
@@ -91,6 +93,23 @@ def test_an_adapter_that_vanishes_is_an_error_in_words() -> None:
                 time.sleep(0.1)
         assert bus.motors[0].complete
         bus.close()
+
+
+def test_an_adapter_that_takes_seconds_to_open_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A round that waited for it would look like a wire process that hangs."""
+    with served(robot_file(motor(HIP, 1)), "socketcand") as (file, _):
+        opened = hal.can.link._opened
+        monkeypatch.setattr(hal.can.link, "_opened", lambda **given: (time.sleep(0.8), opened(**given))[1])
+        link = CanLink("bus", CanBus(file, "bus", G1).entry.arguments)
+        longest_s, begun_s = 0.0, time.monotonic()
+        while not link.is_open and time.monotonic() - begun_s < 10.0:
+            before_s = time.monotonic()
+            with contextlib.suppress(DeviceError):
+                link.look_for()
+            longest_s = max(longest_s, time.monotonic() - before_s)
+            time.sleep(0.01)
+        assert link.is_open and longest_s < 0.4 and time.monotonic() - begun_s > 0.8
+        link.close()
 
 
 def test_nobody_there() -> None:
