@@ -17,6 +17,7 @@ from hal.contract.types import DeviceError, DeviceInfo, LinkLost, NoState, Robot
 from robot.robot import Robot
 
 GRAVITY_M_S2 = 9.81
+GAIN_ROUNDING = 1e-3
 # A link may be lost for so long while nothing is energised yet: a computer that starts is busy.
 GAP_S = 0.5
 
@@ -47,7 +48,7 @@ def run_preflight(
     """Read states and judge them. at_rest: whether the robot is supported and still, so that gravity can be judged."""
     settle, keep = (round(settings.settle_s / backend.control_period_s), settings.samples) if at_rest else (0, 1)
     states, gaps_s = _read_states(backend, clock, settings.state_wait_s, settle, keep)
-    checks = [_check_names(info, robot), *(_check_actor(actor, robot) for actor in actors), _link_line(gaps_s)]
+    checks = [_check_names(info, robot), *(_check_actor(actor, robot, info) for actor in actors), _link_line(gaps_s)]
     limit_s = settings.age_periods * backend.control_period_s
     checks += [_check_age(states, limit_s), _check_faults(states), _check_finite(states)]
     checks += [_check_temperature(states, robot, settings), _check_battery(states, settings)]
@@ -114,10 +115,17 @@ def _check_names(info: DeviceInfo, robot: Robot) -> Check:
     return Check("joint names", same, found)
 
 
-def _check_actor(actor: ActorRun, robot: Robot) -> Check:
+def _check_actor(actor: ActorRun, robot: Robot, info: DeviceInfo) -> Check:
     spec = actor.actor.spec
     found = f"{spec.num_joints} joints, every {1e3 * spec.control_period_s:g} ms, sha256 {actor.actor.sha256[:12]}"
-    return Check(f"actor {actor.name}", set(spec.joint_names) == set(robot.joint_names), found)
+    too_stiff = [
+        f"{gain} of {joint} is {asked:g}, its motor takes at most {limit:g}"
+        for joint, *gains in zip(spec.joint_names, spec.kp, spec.kd)
+        for gain, asked, limit in zip(("kp", "kd"), gains, info.gain_limits.get(joint, (math.inf, math.inf)))
+        if asked > limit * (1.0 + GAIN_ROUNDING)
+    ]
+    fits = set(spec.joint_names) == set(robot.joint_names) and not too_stiff
+    return Check(f"actor {actor.name}", fits, "; ".join([found, *too_stiff[:3]]))
 
 
 def _check_age(states: Sequence[RobotState], limit_s: float) -> Check:

@@ -71,7 +71,9 @@ class CanDriver:
         for bus in self._buses:
             details[f"bus {bus.name}"] = _bus_line(bus, loads[bus.name])
             details |= {motor.joint: _motor_line(bus, motor) for motor in bus.motors}
-        return DeviceInfo("can", self.joint_names, self._watchdog_line(), details, self._identities())
+        return DeviceInfo(
+            "can", self.joint_names, self._watchdog_line(), details, self._identities(), self._gain_limits()
+        )
 
     def dampers(self) -> Sequence[Damper]:
         """See Driver."""
@@ -135,6 +137,12 @@ class CanDriver:
             check_motor(self._file, entry, motor.codec, self._robot)
         except InputError as error:
             raise DeviceFault(str(error)) from error
+
+    def _gain_limits(self) -> dict[str, tuple[float, float]]:
+        """See DeviceInfo."""
+        gears = {entry.joint: entry.gear for entry in self._file.motors}
+        models = {motor.joint: motor.codec.model for bus in self._buses for motor in bus.motors}
+        return {joint: (gears[joint] ** 2 * model.kp, gears[joint] ** 2 * model.kd) for joint, model in models.items()}
 
     def _identities(self) -> dict[str, str]:
         """See DeviceInfo."""

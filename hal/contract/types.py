@@ -81,6 +81,8 @@ class DeviceInfo:
 
     identities: the makers' numbers of motors (by joint) and adapters (`bus NAME`, `port NAME`, `imu`), or what else
     tells this robot from another; without those that have none.
+    gain_limits: largest kp and kd that a device takes, at its joint; larger ones would be cut. Without those that have
+    no such limit.
     """
 
     name: str
@@ -88,3 +90,4 @@ class DeviceInfo:
     watchdog: str = ""
     details: Mapping[str, str] = field(default_factory=dict)
     identities: Mapping[str, str] = field(default_factory=dict)
+    gain_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -23,10 +23,10 @@ from tests.deploy.toys import (
 from world.scene import Box, Scene
 
 
-def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names, actors=None):
+def checks_for(tmp_path, script, *, at_rest=True, joint_names=ROBOT.joint_names, actors=None, **device):
     clock = SimulatedClock()
     backend = FakeBackend(script, clock)
-    info = replace(backend.open(), joint_names=tuple(joint_names))
+    info = replace(backend.open(), joint_names=tuple(joint_names), **device)
     actors = actors or [linear_run(tmp_path)]
     checks = run_preflight(backend, info, clock, ROBOT, actors, SETTINGS.preflight, at_rest=at_rest)
     assert "write" not in backend.calls
@@ -89,6 +89,14 @@ def test_gravity_agrees_with_the_quaternion_when_leaning(tmp_path):
 
 def test_what_is_not_at_rest_is_not_judged_by_gravity(tmp_path):
     require(checks_for(tmp_path, [state(imu_acc_b=np.zeros(3))], at_rest=False))
+
+
+def test_gains_that_a_motor_would_cut_are_refused_by_name(tmp_path):
+    """The toy has the robot's own: kp 150 and kd 4 of a knee."""
+    enough, cuts = {"left_knee_joint": (150.0, 4.0)}, {"left_knee_joint": (500.0, 3.5), "left_elbow_joint": (10.0, 9.0)}
+    require(checks_for(tmp_path, [state()], gain_limits=enough))
+    with pytest.raises(PreflightRefused, match=r"knee_joint is 4, its motor takes at most 3\.5; kp of left_el"):
+        require(checks_for(tmp_path, [state()], gain_limits=cuts))
 
 
 def test_other_joint_names_are_refused(tmp_path):

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.config import config_file
 from core.errors import InputError
 from hal.calibration import zero
 from hal.can import zero_mark
 from hal.can.codecs import odrive
+from hal.can.driver import CanDriver, make_factory
 from hal.can.robot_file import check_motor, load_robot_file
 from hal.can.setup import prepare
 from hal.contract.types import DeviceFault
@@ -116,3 +118,16 @@ def test_an_odrives_speed_limit_reaches_its_joints(turns_s: float, kd: float, sa
         nullcontext() if says is None else pytest.raises(InputError, match=f"left_elbow_joint: S1 is too slow.*{says}")
     ):
         check_motor(file, file.motors[0], rig.bus.motors[0].codec, robot)
+
+
+def test_the_largest_gains_are_those_of_the_protocols_at_the_joint(tmp_path: Path) -> None:
+    """Damiao: kp to 500, kd to 5. RobStride RS06: 5000 and 100; a gear of 1.5 makes 2.25 times as much of them."""
+    text = config_file("hal", "can_g1").read_text()
+    path = tmp_path / "geared.yaml"
+    path.write_text(text.replace("id: 14, codec: robstride,", "id: 14, codec: robstride, gear: 1.5,", 1))
+    driver: CanDriver = make_factory(path, {})(G1)
+    limits = driver._gain_limits()
+    driver.close()
+    assert limits["waist_yaw_joint"] == pytest.approx((500.0, 5.0))
+    assert limits["left_elbow_joint"] == pytest.approx((11250.0, 225.0))
+    assert limits["right_elbow_joint"] == pytest.approx((5000.0, 100.0))
