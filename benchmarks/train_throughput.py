@@ -251,7 +251,7 @@ def measure_rounds(setup: Setup, rounds: int) -> dict[str, Any]:
     """Time so many rounds of the learner through a world model, after a short warming up."""
     config, settings = setup.followable, setup.followable.world_model
     assert settings is not None
-    torch.set_num_threads(config.threads)
+    torch.set_num_threads(config.torch_threads)
     env, watch = environment_of(setup), Stopwatch(ROUND_PARTS)
     assert isinstance(env, TrackingEnv)
     learner = build_world_model_learner(config, env, setup.robot)

@@ -74,6 +74,11 @@ class TrainConfig:
         """Name of what is tracked: that of the bundled clip, the file, the folder."""
         return Path(str(self.motion or self.motions)).stem
 
+    @property
+    def torch_threads(self) -> int:
+        """Of each process: one where a world model learns, whose numbers must not depend on how many processes do."""
+        return self.threads if self.world_model is None else 1
+
     def __post_init__(self) -> None:
         if self.prior == "observed":
             Layout(self.environment.actor_group(), 1)

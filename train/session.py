@@ -50,7 +50,7 @@ EVALUATION_SEED = 12345
 def train(setup: Setup) -> Outcome:
     """Train, export and sum up; say how it ended. NonFiniteError if a number stops being finite."""
     config = setup.followable
-    torch.set_num_threads(config.threads)
+    torch.set_num_threads(config.torch_threads)
     stop, started_s = StopRequest(), time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
     env = environment_of(setup)
@@ -116,7 +116,7 @@ def replay_dump(path: Path) -> str:
             "not a NaN dump", where=path, got=f"no {', '.join(missing)}", expected="a nan_dump_*.pt of a run"
         )
     config = check(dump["config"])
-    torch.set_num_threads(config.threads)
+    torch.set_num_threads(config.torch_threads)
     robot = load_robot(config.robot)
     clips = stored_clips(config, path.parent, robot)
     setup = Setup(dump["config"], config, robot, load_clip(path.parent / CLIP_FILE), path.parent, None, clips)

@@ -249,6 +249,12 @@ def test_the_papers_numbers_of_distillation():
     assert {kind: share for kind, share in goals.kinds.items() if share} == {"bodies": 1.0}
 
 
+@pytest.mark.parametrize(("preset", "threads"), [("clip", 1), ("last_mile", 3)])
+def test_torch_has_one_thread_where_a_world_model_learns(preset, threads):
+    """In one process as in two: how many threads add numbers up changes them."""
+    assert config(f"train={preset}", "threads=3").torch_threads == threads
+
+
 @pytest.mark.parametrize(("overrides", "message"), REFUSED_WITH_A_WORLD_MODEL)
 def test_refused_with_a_world_model(overrides, message):
     with pytest.raises(InputError) as caught:

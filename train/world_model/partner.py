@@ -9,6 +9,8 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+import torch
+
 from core.errors import InputError
 
 PR_SET_PDEATHSIG = 1
@@ -88,6 +90,7 @@ class Beside:
 
 def _serve(target: object, pipe: Connection, others: Connection) -> None:
     """Carry out calls until the other end is closed."""
+    torch.set_num_threads(1)  # the threads of who forked are not here, and OpenMP would wait for them for ever
     gc.freeze()
     others.close()
     # Who trains is told to stop, and closes this. Killed, it takes this along: processes forked since hold the pipe.

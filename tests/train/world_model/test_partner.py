@@ -2,6 +2,9 @@
 
 import gc
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 from train.world_model.partner import Beside
 
@@ -45,3 +48,30 @@ def test_what_its_parent_left_in_cycles_never_ends_in_it(tmp_path):
         gc.enable()
     assert (tmp_path / "before").read_text() == f"{os.getpid()}\n"
     assert not (tmp_path / "after").exists()
+
+
+FORKED_FROM_TWO_THREADS = """
+import torch
+from train.world_model.partner import Beside
+
+class Copier:
+    def threads(self):
+        torch.empty(70000).copy_(torch.ones(70000))  # by several threads above 32,768 numbers
+        return torch.get_num_threads()
+
+torch.set_num_threads(2)
+assert Copier().threads() == 2
+partner = Beside(Copier())
+partner.begin("threads")
+assert partner._pipe.poll(60), "it waits for threads that are not there"
+assert partner.finish() == 1
+"""
+
+
+def test_it_works_beside_a_process_that_used_two_threads():
+    """A forked process has none of OpenMP's threads, and a step of several threads would wait for them for ever."""
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    subprocess.run(
+        [sys.executable, "-c", FORKED_FROM_TWO_THREADS], env=environment, cwd=Path(__file__).parents[3], check=True,
+        timeout=240,
+    )  # fmt: skip

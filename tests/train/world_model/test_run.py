@@ -33,13 +33,13 @@ def small(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The run folder of a tracker. Of the runs here it alone has pictures."""
+    """The run folder of a tracker. Of the runs here it alone has pictures, and physics on two threads."""
     folder = tmp_path_factory.mktemp("tracker")
     (folder / "clips").mkdir()
     beginning_of("side_kick", 1.0, folder / "clips")
     with lightly(pictures=True):
         execute([
-            f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null",
+            f"motions={folder / 'clips'}", *SMALL[1:], "iterations=15", "evaluate_every=null", "threads=2",
             f"run_dir={folder / 'run'}",
         ])  # fmt: skip
     return folder / "run"
