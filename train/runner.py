@@ -70,9 +70,9 @@ class Runner:
             hook.after_run(self)
         return self.outcome
 
-    def policy(self) -> Policy:
-        """The mean action of the judged weights, as deployed."""
-        actor = self.learner.actor_with(self.learner.weights)
+    def policy(self, weights: Mapping[str, torch.Tensor]) -> Policy:
+        """The mean action of the learner's actor with such weights, as deployed."""
+        actor = self.learner.actor_with(weights)
 
         @torch.no_grad()
         def act(observations: torch.Tensor) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """Judges the averaged actor, and keeps the best one's weights."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -27,16 +27,14 @@ class Best:
     figures: dict[str, float] = field(default_factory=dict)
     weights: dict[str, torch.Tensor] | None = None
 
-    def after(
-        self, iteration: int, figures: Mapping[str, float], weights: Callable[[], dict[str, torch.Tensor]]
-    ) -> "Best":
+    def after(self, iteration: int, figures: Mapping[str, float], weights: dict[str, torch.Tensor]) -> "Best":
         """The best when these were judged too."""
         score, lowest, limit = figures["score"], self.score, self.limit
         if score < lowest:
             lowest, limit = score, score + figures["score_error"]
         if not score <= limit < float("inf"):
             return self
-        return Best(lowest, limit, iteration, dict(figures), weights())
+        return Best(lowest, limit, iteration, dict(figures), weights)
 
 
 class EvaluationHook(Hook):
@@ -64,11 +62,10 @@ class EvaluationHook(Hook):
         return run.learner.weights if self.best.weights is None else self.best.weights
 
     def _judge(self, run: "Runner") -> dict[str, float]:
-        figures = self._evaluator.evaluate(run.policy())
+        weights = {name: value.clone() for name, value in run.learner.weights.items()}
+        figures = self._evaluator.evaluate(run.policy(weights))
         self.judged = {"iteration": run.iteration, **figures}
-        self.best = self.best.after(
-            run.iteration, figures, lambda: {name: value.clone() for name, value in run.learner.weights.items()}
-        )
+        self.best = self.best.after(run.iteration, figures, weights)
         return figures
 
     def state_dict(self) -> dict[str, Any]:

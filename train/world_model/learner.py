@@ -70,12 +70,12 @@ class WorldModelLearner:
 
     @property
     def weights(self) -> Mapping[str, Tensor]:
-        """See the protocol."""
-        return self._actor.state_dict()
+        """See the protocol. Within a round those that act: the others' change meanwhile."""
+        return (self._acting if self._in_round else self._actor).state_dict()
 
     def actor_with(self, weights: Mapping[str, Tensor]) -> ActorNetwork:
         """See the protocol."""
-        actor = copy.deepcopy(self._actor)
+        actor = self._actor.deployed()
         actor.load_state_dict(weights)
         return actor
 
@@ -220,7 +220,7 @@ class WorldModelLearner:
         policy = self._call("state_dict")
         return {
             "policy": policy,
-            "average": {"weights": dict(self.weights)},
+            "average": {"weights": self._actor.state_dict()},
             "critic": policy["critic"]["network"],
             "fitting": self.fitting.state_dict(),
             "ring": self.ring.state_dict(),

@@ -11,7 +11,7 @@ from train.mdp.tracking import CONTROL_PERIOD_S
 from train.world_model.build import build_world_model_learner
 
 SMALL = [
-    "motion=side_kick", "train=tracker", "precision=fp32", "threads=1", "num_envs=8", "iterations=12",
+    "motion=side_kick", "train=tracker", "precision=fp32", "threads=1", "num_envs=8", "iterations=14",
     "world_model.capacity=1600", "world_model.starts.newest_steps=400", "world_model.fitting.hidden=[32,32]",
     "world_model.policy.hidden=[32,32]", "world_model.critic.hidden=[16,16]", "world_model.critic.batch=32",
     "world_model.critic.counts_from=1", "world_model.imagination.horizon=8", "world_model.imagination.batch=16",

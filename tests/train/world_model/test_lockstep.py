@@ -50,6 +50,28 @@ def test_what_is_foretold_is_told_between_rounds_and_changes_nothing(monkeypatch
     assert rest == quiet
 
 
+def test_what_is_judged_within_a_round_stays_as_it_was_handed_over():
+    """Until the round ends, whatever the other process has done by then; SMALL has rounds of two iterations."""
+    judged = []
+    for processes in (1, 2):
+        env, learner = small(f"world_model.processes={processes}")
+        iterate(env, learner, env.reset(), WARM_UP + 2)
+        judged.append({name: value.clone() for name, value in learner.weights.items()})
+        newest = learner.state_dict()["average"]["weights"]  # the other process is done
+        assert same(learner.weights, judged[-1]) and not same(newest, judged[-1])
+        learner.close()
+    assert same(*judged)
+
+
+def test_what_is_judged_is_in_full_precision_as_it_is_deployed():
+    """Products of bf16 are off by a share of up to 2^-9; the graph that is exported has none."""
+    _, low = small("world_model.processes=1", "precision=bf16")
+    _, full = small("world_model.processes=1", "precision=fp32")
+    weights = {name: 0.1 * torch.ones_like(value) for name, value in full.weights.items()}
+    seen = torch.linspace(-1.0, 1.0, full.actor_with(weights).observation_size)[None]
+    assert torch.equal(low.actor_with(weights)(seen), full.actor_with(weights)(seen))
+
+
 @pytest.mark.parametrize("at", [3, WARM_UP + 1, WARM_UP + 2], ids=["warm-up", "within a round", "between rounds"])
 def test_a_continued_run_goes_on_to_the_same_numbers(at, tmp_path):
     env, learner = small("world_model.processes=1")
