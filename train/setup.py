@@ -77,7 +77,7 @@ def new_setup(document: dict[str, Any]) -> Setup:
     """Check everything of a new run. InputError for anything unusable."""
     config = check(document)
     robot = load_robot(config.robot)
-    clips = () if config.motions is None else open_clip_set(config.motions, robot)
+    clips = _kept(config, () if config.motions is None else open_clip_set(config.motions, robot))
     clip = clips[0].clip if config.motion is None else open_motion(config.motion, robot)
     if Path(config.robot).is_file():
         document = {**document, "robot": str(Path(config.robot).resolve())}
@@ -87,6 +87,18 @@ def new_setup(document: dict[str, Any]) -> Setup:
     setup = Setup(document, check(document), robot, clip, run_dir, None, clips, source, teacher)
     _ = setup.references  # what is no reference is refused now
     return setup
+
+
+def _kept(config: TrainConfig, clips: tuple[NamedClip, ...]) -> tuple[NamedClip, ...]:
+    """Without those that are set aside, of which the run knows nothing. InputError where one is none, or all are."""
+    where, aside, names = "environment.clips.set_aside", config.environment.clips.set_aside, [c.name for c in clips]
+    if unknown := [name for name in aside if name not in names]:
+        expected = ", ".join(names) or "one of several clips"
+        raise InputError("no such clip", where=where, got=", ".join(unknown), expected=expected)
+    kept = tuple(clip for clip in clips if clip.name not in aside)
+    if clips and not kept:
+        raise InputError("no clip is left", where=where, expected="fewer clips")
+    return kept
 
 
 def _source_of(config: TrainConfig, robot: Robot) -> Source | None:

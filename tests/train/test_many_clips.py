@@ -10,11 +10,13 @@ from motion.reference import build_reference
 from policy.layouts import window_actor_group
 from policy.observation import window_ticks
 from policy.reference import window_at
-from tests.train.worlds import g1, observations_of_robots, settings, swaying_reference
+from tests.train.worlds import beginning_of, g1, observations_of_robots, settings, swaying_reference
+from train.config import compose_document
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.evaluator import NoisyStartEvaluator
 from train.mdp.factory import build_environment
 from train.mdp.settings import ClipSettings
+from train.setup import new_setup
 
 ROBOT = g1()
 WINDOW = {"observations": "window", "critic": ["history", "reference_ahead", "reference_position"]}
@@ -33,7 +35,7 @@ def environment(num_envs=6, **changes):
 
 
 def sampler(**changes) -> ClipSampler:
-    return ClipSampler(ClipSettings(**changes), ("a", "b", "c", "d"), torch.Generator().manual_seed(1), "cpu")
+    return ClipSampler(ClipSettings(**changes), torch.Generator().manual_seed(1))
 
 
 @pytest.mark.parametrize(
@@ -42,7 +44,6 @@ def sampler(**changes) -> ClipSampler:
         ({"floor": 0.2, "cap": 9.0}, [0.3, 0.1, 0.0, 0.0], [0.65, 0.25, 0.05, 0.05]),
         ({"floor": 1.0}, [0.9, 0.1, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]),
         ({"floor": 0.0, "cap": 2.0}, [1.0, 0.0, 0.0, 0.0], [0.625, 0.125, 0.125, 0.125]),
-        ({"floor": 0.3, "cap": 9.0, "set_aside": ("b",)}, [0.2, 0.9, 0.2, 0.0], [0.45, 0.0, 0.45, 0.1]),
         ({}, [0.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]),
     ],
 )
@@ -54,12 +55,22 @@ def test_clips_are_drawn_by_failure_with_a_floor_and_a_cap(changes, failing, sha
     assert (torch.bincount(clips, minlength=4) / 20_000).tolist() == pytest.approx(shares, abs=0.015)
 
 
-def test_clips_in_turn_and_sets_aside_that_leave_none():
+def test_clips_in_turn():
     assert sampler(in_turn=True).draw(torch.arange(6), torch.ones(4)).tolist() == [0, 1, 2, 3, 0, 1]
-    with pytest.raises(InputError, match="set_aside: no such clip, got e"):
-        sampler(set_aside=("e",))
-    with pytest.raises(InputError, match="set_aside: no clip is left"):
-        sampler(set_aside=("a", "b", "c", "d"))
+
+
+def test_a_clip_that_is_set_aside_is_no_part_of_the_run(tmp_path):
+    """Neither of what is drawn and judged, nor of the friction and the ranges that the actor is told to know."""
+    (tmp_path / "clips").mkdir()
+    for name in ("side_kick", "stand"):
+        beginning_of(name, 1.0, tmp_path / "clips")
+    words = [f"motions={tmp_path / 'clips'}", f"run_dir={tmp_path / 'run'}"]
+    setup = new_setup(compose_document([*words, "environment.clips.set_aside=[side_kick]"]))
+    assert [*setup.references] == [clip.name for clip in setup.clips] == ["stand"]
+    assert setup.clip is setup.clips[0].clip
+    for aside, message in (("[e]", "no such clip, got e"), ("[side_kick,stand]", "no clip is left")):
+        with pytest.raises(InputError, match=f"environment.clips.set_aside: {message}"):
+            new_setup(compose_document([*words, f"environment.clips.set_aside={aside}"]))
 
 
 def test_each_robot_follows_its_own_clip_to_its_own_end():

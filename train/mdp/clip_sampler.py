@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import torch
 
-from core.errors import InputError
 from train.batch import Device
 from train.mdp.draws import choice
 from train.mdp.settings import ClipSettings
@@ -16,24 +15,11 @@ class ClipSampler:
     """Draws clips in proportion to how often robots fail in them.
 
     Args:
-        settings: floor, cap, what is set aside.
-        names: of the clips.
+        settings: floor, cap.
         generator: source of randomness. A single clip draws nothing.
-        device: where the robots are.
-
-    Raises:
-        InputError: a clip that is set aside is none of them, or all are.
     """
 
-    def __init__(
-        self, settings: ClipSettings, names: Sequence[str], generator: torch.Generator, device: Device
-    ) -> None:
-        where = "environment.clips.set_aside"
-        if unknown := [name for name in settings.set_aside if name not in names]:
-            raise InputError("no such clip", where=where, got=", ".join(unknown), expected=", ".join(names))
-        self._drawn = torch.tensor([float(name not in settings.set_aside) for name in names], device=device)
-        if not self._drawn.any():
-            raise InputError("no clip is left", where=where, expected="fewer clips")
+    def __init__(self, settings: ClipSettings, generator: torch.Generator) -> None:
         self._settings, self._generator = settings, generator
 
     def shares(self, failing: torch.Tensor) -> torch.Tensor:
@@ -41,8 +27,7 @@ class ClipSampler:
 
         By failure each gets its share of 1 − floor, at most cap times the uniform one; the rest is drawn uniformly.
         """
-        uniform = self._drawn / self._drawn.sum()
-        failing = failing * self._drawn
+        uniform = torch.ones_like(failing) / len(failing)
         by_failure = (1.0 - self._settings.floor) * failing / failing.sum().clamp(min=1e-12)
         by_failure = torch.minimum(by_failure, self._settings.cap * uniform)
         return by_failure + (1.0 - by_failure.sum()) * uniform

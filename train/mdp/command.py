@@ -53,7 +53,7 @@ class Command:
         self._last_tick = table.num_ticks + round(settings.termination.hold_s / dt_s)
         self.failures = FailureRates(table.num_ticks)
         self._starts = StartSampler(settings.start, table.num_ticks, generator)
-        self._clips = ClipSampler(settings.clips, self.names, generator, device)
+        self._clips = ClipSampler(settings.clips, generator)
         self._figures = ClipFigures(self.names, device)
         self.goals, self._dt_s = Goals(settings.goals, generator), dt_s
 

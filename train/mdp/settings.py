@@ -97,8 +97,8 @@ class ClipSettings:
     """How the clip of an episode is drawn where there are several; see :class:`train.mdp.command.ClipSampler`.
 
     ``floor``: share of episodes whose clip is drawn uniformly. ``cap``: by failure a clip gets at most so many times
-    the uniform share. ``set_aside``: names of clips that are never drawn. ``in_turn``: robot i tracks clip
-    i instead, and the first follows the last.
+    the uniform share. ``set_aside``: names of clips that the run does without (:mod:`train.setup`).
+    ``in_turn``: robot i tracks clip i instead, and the first follows the last.
     """
 
     floor: float = 0.2
