@@ -85,13 +85,18 @@ class Comparison:
 
     @torch.no_grad()
     def foretold(self, policy: BoundedResidual, model: WorldModel) -> dict[str, float]:
-        """Mean cost and survival of imagined rollouts, and of what the robots did from the same states on."""
+        """Mean cost and survival of imagined rollouts, and of what the robots did from the same states on.
+
+        Nothing where no clip, or no episode, is longer than a rollout.
+        """
         steps = self.imagination.horizon
         times, drawn = self.ring.sample(WINDOWS, steps, NEWEST_STEPS, self.generator)
         robots = self.quiet[drawn % len(self.quiet)]
         first = self.ring.at(times[0], robots)
         # An episode that ends neither with its clip nor by its age is lost.
         room = (first.tick + steps < self.table.num_ticks[first.clip]) & (first.age + steps < self.longest_episode)
+        if not room.any():
+            return {}
         times, robots = times[:, room], robots[room]
         now, ahead = self.ring.at(times, robots), torch.arange(steps + 1, device=self.ring.device)[:, None]
         going_on = (now.age == now.age[:1] + ahead).float().cumprod(dim=0)

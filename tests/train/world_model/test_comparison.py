@@ -1,6 +1,7 @@
 """What the world model foretells beside what happened."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -86,3 +87,11 @@ def test_the_real_survival_is_that_of_the_ring(parts):
     assert kept and lost
     assert figures["foretold/real_survival"] == pytest.approx(kept / (kept + lost))
     assert figures["foretold/real_cost"] > 0.0
+
+
+def test_nothing_is_foretold_where_every_episode_ends_within_a_rollout(parts):
+    """Be it for its age or for its clip; how far off single steps are is told all the same."""
+    _, learning, comparison = parts
+    short = replace(comparison, longest_episode=comparison.imagination.horizon)
+    figures = short.figures(learning.averaged, learning.model)
+    assert len(figures) == 24 and all(name.startswith("open_loop/") for name in figures)
