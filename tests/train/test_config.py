@@ -204,6 +204,10 @@ REFUSED_WITH_A_WORLD_MODEL = [
     (["environment.randomization.delay_s=[0.0,0.05]"], "environment.randomization.delay_s: too long"),
     (["world_model.cost.beauty=1.0"], "world_model.cost.beauty: unknown cost term"),
     (["world_model.imagination.horizon=7"], "world_model.imagination.horizon: odd"),
+    (["world_model.imagination.batch=0"], "world_model.imagination.batch: too small, got 0, expected at least 1"),
+    (["world_model.imagination.noise_rad=-1"], "world_model.imagination.noise_rad: too small"),
+    (["world_model.imagination.noise_memory=1.5"], "world_model.imagination.noise_memory: out of range"),
+    (["world_model.imagination.lost.tilt=-1"], "world_model.imagination.lost.tilt: not positive"),
     (["world_model.fitting.warm_up_steps=1000"], "world_model.fitting.warm_up_steps: too few steps for the windows"),
     (["world_model.policy.hidden=[]"], "world_model.policy.hidden: unusable layers"),
 ]

@@ -97,6 +97,10 @@ class LostSettings:
     height_m: float
     place_m: float
 
+    def __post_init__(self) -> None:
+        for name, bound in vars(self).items():
+            positive(f"world_model.imagination.lost.{name}", bound)
+
 
 @dataclass(frozen=True)
 class ImaginationSettings:
@@ -110,6 +114,9 @@ class ImaginationSettings:
 
     def __post_init__(self) -> None:
         at_least("world_model.imagination.horizon", self.horizon, 2)
+        at_least("world_model.imagination.batch", self.batch, 1)
+        at_least("world_model.imagination.noise_rad", self.noise_rad, 0.0)
+        within("world_model.imagination.noise_memory", self.noise_memory, 0.0, 0.999)
         if self.horizon % 2:
             raise InputError(
                 "odd", where="world_model.imagination.horizon", got=self.horizon, expected="an even number of steps"
