@@ -10,6 +10,7 @@ from core.errors import InputError
 from motion.feet import ground_lift_m
 from motion.metrics import empbae_mm
 from policy.layouts import pbhc_actor_group
+from policy.observation import sample_terms
 from tests.train.worlds import CONSTANT, NOISE, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
@@ -324,3 +325,18 @@ def test_the_critic_sees_numbers_within_the_clip_too():
     env = small_env()
     result = env.step(torch.full((env.num_envs, env.num_actions), 1e3))
     assert float(result.observations["critic"].max()) == 100.0
+
+
+def test_what_looks_ahead_is_sampled_once_a_step_and_kept_of_the_present_tick_alone(monkeypatch):
+    """The critic's exact terms are the robot's own; older ticks of what looks ahead are in no observation."""
+    env, sampled = small_env(observations="tracker", critic=["history"]), []
+
+    def sample(terms, seen):
+        sampled.append(any(entry.ticks for entry in terms))
+        return sample_terms(terms, seen)
+
+    monkeypatch.setattr("train.mdp.observations.sample_terms", sample)
+    env.step(hold(env))
+    assert sorted(sampled) == [False, True]
+    ahead = env.observations.ahead(torch.arange(env.state.actor_history.shape[2])[None])[0]
+    assert env.state.actor_history[:, 0, ahead].any() and not env.state.actor_history[:, 1:, ahead].any()

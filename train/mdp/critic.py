@@ -29,7 +29,7 @@ class Critic:
         """What the critic sees (n, Dc) of the robots ``rows`` (n,)."""
         view = CriticView(
             history=state.critic_history[rows],
-            ahead=self._observations.ahead(state.actor_history[rows]),
+            ahead=self._observations.ahead(state.actor_history[rows, 0]),
             physics=state.physics.rows(rows),
             bodies=state.bodies.rows(rows),
             target_pos_w=state.target.body_pos_w[rows],

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from core.rotations import projected_gravity, quat_rotate_inverse
@@ -17,7 +18,7 @@ from policy.observation import (
     window_ticks,
 )
 from policy.reference import ReferenceWindow
-from policy.spec import ObservationGroup
+from policy.spec import ObservationGroup, ObservationTerm
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.batch import Device
@@ -56,24 +57,36 @@ class Observations:
         self._index = {name: torch.as_tensor(one.index, device=device) for name, one in self._of_block.items()}
         self._clip = torch.as_tensor(sample_clip(self._terms, dims), device=device).float()
         self._width = sample_width(self._terms, dims)
+        self._older = self._seen_later()
         sizes = [entry_size(t, dims) for t in self._terms]
         looks_ahead = [torch.full((n,), bool(t.ticks), device=device) for n, t in zip(sizes, self._terms, strict=True)]
         own_terms = sample_width(term_order(group), dims)  # the first of a sample
         self._ahead = torch.cat(looks_ahead)[:own_terms].nonzero()[:, 0]
-        self._own = (~torch.cat(looks_ahead)).nonzero()[:, 0]
+        self._own_terms = tuple(entry for entry in self._terms if not entry.ticks)
+        self._own_width = sample_width(self._own_terms, dims)
         self.window_ticks = window_ticks([*groups.values()])
         self._default = torch.tensor(robot.default_pos_rad, device=device).float()
+
+    def _seen_later(self) -> slice:
+        """The columns of a sample between which all lie that are seen of older ticks than the present one."""
+        seen = np.concatenate([one.index for one in self._of_block.values()])
+        older = seen[seen >= self._width] % self._width
+        return slice(older.min(), older.max() + 1) if len(older) else slice(0)
 
     def histories(self, num_envs: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Empty ones of actor (B, L, W) and critic (B, 5, V+3); V: what does not look ahead."""
         return (
             torch.zeros(num_envs, self._lags, self._width, device=self._device),
-            torch.zeros(num_envs, CRITIC_LAGS, len(self._own) + 3, device=self._device),
+            torch.zeros(num_envs, CRITIC_LAGS, self._own_width + 3, device=self._device),
         )
 
     def push(self, state: EnvState, actor_sample: torch.Tensor, critic_sample: torch.Tensor) -> None:
-        """Take in the samples (B, W) of every environment; every lag grows by one tick."""
-        state.actor_history = torch.cat([actor_sample[:, None], state.actor_history[:, :-1]], dim=1)
+        """Take in the samples (B, W) of every environment; every lag grows by one tick.
+
+        Terms that are seen of the present tick alone, most of what looks ahead, are not kept any longer.
+        """
+        state.actor_history[:, 1:, self._older] = state.actor_history[:, :-1, self._older].clone()
+        state.actor_history[:, 0] = actor_sample
         state.critic_history = torch.cat([critic_sample[:, None], state.critic_history[:, :-1]], dim=1)
 
     def restart(
@@ -99,21 +112,23 @@ class Observations:
         ``window``: the reference at :attr:`window_ticks`.
         """
         truth = senses_of(physics)
-        exact = self._terms_of(truth, projected_gravity(truth.root_quat_wxyz), last_action, phase, window)
-        measured = self._terms_of(senses, gravity_b, last_action, phase, window)
+        upright = projected_gravity(truth.root_quat_wxyz)
+        exact = self._sampled(self._own_terms, truth, upright, last_action, phase, None)
+        measured = self._sampled(self._terms, senses, gravity_b, last_action, phase, window)
         lin_vel_b = quat_rotate_inverse(physics.root_quat_wxyz, physics.root_lin_vel_w)
         actor = torch.clamp(measured, -self._clip, self._clip)
-        return actor, torch.cat([exact[:, self._own], LIN_VEL_SCALE * lin_vel_b], dim=1)
+        return actor, torch.cat([exact, LIN_VEL_SCALE * lin_vel_b], dim=1)
 
-    def _terms_of(
+    def _sampled(
         self,
+        terms: tuple[ObservationTerm, ...],
         senses: Senses,
         gravity_b: torch.Tensor,
         last_action: torch.Tensor,
         phase: torch.Tensor,
         window: ReferenceWindow | None,
     ) -> torch.Tensor:
-        terms = ObservationInput(
+        seen = ObservationInput(
             base_quat_wxyz=senses.root_quat_wxyz,
             base_ang_vel_b=senses.root_ang_vel_b,
             joint_pos_rad=senses.joint_pos_rad,
@@ -124,11 +139,11 @@ class Observations:
             filtered_gravity_b=gravity_b,
             reference=window,
         )
-        return sample_terms(self._terms, terms).float()
+        return sample_terms(terms, seen).float()
 
-    def ahead(self, history: torch.Tensor) -> torch.Tensor:
-        """The terms that look ahead on the reference (n, A), now, of the actor's ``history`` (n, L, W)."""
-        return history[:, 0, self._ahead]
+    def ahead(self, newest: torch.Tensor) -> torch.Tensor:
+        """The terms that look ahead on the reference (n, A) of the actor's samples (n, W) of the present tick."""
+        return newest[:, self._ahead]
 
     def actor(self, history: torch.Tensor) -> torch.Tensor:
         """The actor's observation (B, n), laid out of its ``history`` (B, L, W)."""
