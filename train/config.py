@@ -129,6 +129,8 @@ class TrainConfig:
         Layout(self.environment.actor_group(), 1)
         if self.iterations is None:
             raise InputError("not given", where="iterations", expected="a number: the learning rate falls over them")
+        may_know = self.init_from is not None and "model" in (self.init_networks or ("model",))
+        settings.check_rounds(self.iterations, self.num_envs, model_known=may_know)
         for where, kind, wanted in (
             ("learner.exploration.kind", self.learner.exploration.kind, "gaussian"),
             ("prior", self.prior, "none"),

@@ -52,7 +52,6 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
     policy = BoundedResidual(
         robot, layout, settings.policy.hidden, ACTION_SCALE, stream("policy"), config.precision
     ).to(env.device)
-    rounds = max(1, config.iterations // settings.round)
     learning = PolicyLearning(
         settings,
         policy,
@@ -60,7 +59,6 @@ def build_world_model_learner(config: TrainConfig, env: TrackingEnv, robot: Robo
         handed_over,
         _imagination(settings, env, robot, stream("imagination")),
         _starts(settings, env, its_ring := copy.copy(ring), layout, stream("starts")),
-        rounds * settings.policy.updates,
     )
     if env.device.type == "cpu":
         for module in (handed_over, learning.averaged):

@@ -20,10 +20,9 @@ from train.world_model.fitting import ModelFitting
 from train.world_model.partner import Partner
 from train.world_model.policy_learning import PolicyLearning, cosine
 from train.world_model.ring import Ring, Steps
-from train.world_model.settings import WorldModelSettings
+from train.world_model.settings import WARM_UP_CHUNK, WorldModelSettings
 from train.world_model.state import motion_of, pack
 
-WARM_UP_CHUNK = 20
 COMPARE_ROUNDS = 25
 
 
@@ -66,6 +65,7 @@ class WorldModelLearner:
         self._noise = torch.zeros(env.num_envs, env.num_actions, device=env.device)
         self._segment = torch.zeros(env.num_envs, dtype=torch.long, device=env.device)
         self._begun, self._fitted, self._in_round, self._under_way, self._updates = False, 0, 0, False, 0
+        self._model_known = False
         self._figures: dict[str, float] = {}
 
     @property
@@ -121,11 +121,7 @@ class WorldModelLearner:
             if done < fit.warm_up_steps:
                 return {"warm_up": done / fit.warm_up_steps}
             self._begin()
-        return self._warm_up() if self._fitted < self._warm_up_updates else self._round()
-
-    @property
-    def _warm_up_updates(self) -> int:
-        return self._settings.fitting.warm_up_single + self._settings.fitting.warm_up_window
+        return self._warm_up() if self._fitted < fit.warm_up_updates else self._round()
 
     def _begin(self) -> None:
         """Enough is known to normalise by."""
@@ -153,7 +149,7 @@ class WorldModelLearner:
         fit = self._settings.fitting
         if self._in_round == 0:
             self._hand_over()
-            self._partner.begin("round", *self._handed())
+            self._partner.begin("round", *self._handed(), self._rounds())
             self._under_way = True
         self.fitting.set_rate(cosine(self._updates / self._iterations))
         for _ in range(fit.single_updates):
@@ -182,6 +178,10 @@ class WorldModelLearner:
         """What may be sampled, and where robots fail."""
         return self.ring.next, self.ring.count, self.env.command.hard()
 
+    def _rounds(self) -> int:
+        """Of the whole run."""
+        return self._settings.rounds(self._iterations, self.env.num_envs, model_known=self._model_known)
+
     def _settle(self) -> None:
         """Wait for the policy's side."""
         if self._under_way:
@@ -193,13 +193,18 @@ class WorldModelLearner:
         return self._partner.finish()
 
     def start_from(self, networks: Mapping[str, Mapping[str, Tensor]]) -> list[str]:
-        """See the protocol. What inputs are normalised by comes with the weights; the model is that of a run."""
+        """See the protocol. What inputs are normalised by comes with the weights; the model is that of a run.
+
+        InputError also where no model is taken, and the run ends before it has fitted its own.
+        """
         taken: list[str] = self._call("start_from", networks)
         model, given = self.fitting.model.state_dict(), networks.get("model", {})
         if given and not misfits(model, given):
             copy_weights(model, given, "model")
-            self.fitting.normalized, self._fitted = True, self._warm_up_updates
+            self.fitting.normalized, self._fitted = True, self._settings.fitting.warm_up_updates
+            self._model_known = True
             taken.append("model")
+        self._settings.check_rounds(self._iterations, self.env.num_envs, model_known=self._model_known)
         self._acting.load_state_dict(self._actor.state_dict())
         return taken
 
@@ -228,7 +233,7 @@ class WorldModelLearner:
             "handed_over": self._handed_over.state_dict(),
             "noise": self._noise,
             "segment": self._segment,
-            "counters": [int(self._begun), self._fitted, self._in_round, self._updates],
+            "counters": [int(self._begun), self._fitted, self._in_round, self._updates, int(self._model_known)],
             "figures": self._figures,
             "generator": self._generator.get_state(),
         }
@@ -242,8 +247,8 @@ class WorldModelLearner:
         self._handed_over.load_state_dict(state["handed_over"])
         for name in ("noise", "segment"):
             getattr(self, f"_{name}").copy_(state[name])
-        begun, self._fitted, self._in_round, self._updates = state["counters"]
-        self._begun = bool(begun)
+        begun, self._fitted, self._in_round, self._updates, known = state["counters"]
+        self._begun, self._model_known = bool(begun), bool(known)
         self._figures = dict(state["figures"])
         self._generator.set_state(state["generator"])
 
@@ -264,10 +269,10 @@ class PolicySide:
         self._ring.next, self._ring.count = following, count
         self._learning.normalize(hard)
 
-    def round(self, following: int, count: int, hard: Tensor) -> dict[str, float]:
+    def round(self, following: int, count: int, hard: Tensor, rounds: int) -> dict[str, float]:
         """See :meth:`PolicyLearning.round`."""
         self._ring.next, self._ring.count = following, count
-        return self._learning.round(hard)
+        return self._learning.round(hard, rounds)
 
     def compare(self, following: int, count: int) -> dict[str, float]:
         """See :class:`Comparison`."""

@@ -33,7 +33,6 @@ class PolicyLearning:
         model: the world model as handed over; never changed here.
         imagination: plays the policy.
         starts: where it begins.
-        updates: policy updates of the whole run, over which the learning rate falls.
     """
 
     def __init__(
@@ -44,10 +43,9 @@ class PolicyLearning:
         model: WorldModel,
         imagination: Imagination,
         starts: Starts,
-        updates: int,
     ) -> None:
         self.settings, self.policy, self.critic, self.model = settings, policy, critic, model
-        self._imagination, self._starts, self._updates = imagination, starts, updates
+        self._imagination, self._starts = imagination, starts
         self.averaged = copy.deepcopy(policy).requires_grad_(False)
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas
@@ -67,17 +65,24 @@ class PolicyLearning:
         if not self.critic.known:
             self.critic.normalize_by(privileged(motion, reference), extras)
 
-    def round(self, hard: Tensor) -> dict[str, float]:
-        """The updates of one round; ``hard`` (C, bins): see :meth:`Starts.draw`. Returns figures of the last one."""
+    def round(self, hard: Tensor, rounds: int) -> dict[str, float]:
+        """The updates of one round of ``rounds``, over which the learning rate falls; returns figures of the last one.
+
+        ``hard`` (C, bins): see :meth:`Starts.draw`.
+        """
         figures: dict[str, float] = {}
         for _ in range(self.settings.policy.updates):
+            self._set_rate(self.updates / (rounds * self.settings.policy.updates))
             figures = self._update(self._starts.draw(self.settings.imagination.batch, hard))
         return figures
 
-    def _update(self, start: Start) -> dict[str, float]:
+    def _set_rate(self, progress: float) -> None:
         s = self.settings.policy
         for group in self.optimizer.param_groups:
-            group["lr"] = s.learning_rate * (s.last_share + (1.0 - s.last_share) * cosine(self.updates / self._updates))
+            group["lr"] = s.learning_rate * (s.last_share + (1.0 - s.last_share) * cosine(progress))
+
+    def _update(self, start: Start) -> dict[str, float]:
+        s = self.settings.policy
         self.policy.prepare()
         self.model.prepare()
         self.critic.prepare()

@@ -1,5 +1,6 @@
 """What learning through a world model can be told; the meaning of each key stands in the presets."""
 
+import math
 from dataclasses import dataclass, field
 
 from core.errors import InputError
@@ -8,6 +9,7 @@ from train.world_model.cost import COSTS
 from train.world_model.ring import MARGIN
 
 OPEN_LOOP_STEPS = (1, 4, 16, 32)  # after which the model's error is told
+WARM_UP_CHUNK = 20  # updates of the model in an iteration before the first round
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,11 @@ class FittingSettings:
     def longest(self) -> int:
         """Steps of the longest window."""
         return max(self.window, self.warm_up_length)
+
+    @property
+    def warm_up_updates(self) -> int:
+        """Of the model, before the first round."""
+        return self.warm_up_single + self.warm_up_window
 
 
 @dataclass(frozen=True)
@@ -206,6 +213,31 @@ class WorldModelSettings:
                 got=self.fitting.warm_up_steps, expected=f"{needed} or more for {num_envs} robots",
             )  # fmt: skip
         at_least("world_model.starts.newest_steps", self.starts.newest_steps, num_envs)
+        if (held := self.capacity // num_envs * num_envs) < self.fitting.warm_up_steps:
+            raise InputError(
+                "fewer steps than the first update waits for", where="world_model.capacity",
+                got=f"{held} steps of {num_envs} robots", expected=f"{self.fitting.warm_up_steps} or more",
+            )  # fmt: skip
+
+    def rounds(self, iterations: int, num_envs: int, *, model_known: bool) -> int:
+        """Whole rounds of a run. Before them it collects steps and, unless it has another run's, fits the model."""
+        return (iterations - self._before_rounds(num_envs, model_known)) // self.round
+
+    def check_rounds(self, iterations: int, num_envs: int, *, model_known: bool) -> None:
+        """InputError where a run ends before its first round does: its policy would learn nothing."""
+        if self.rounds(iterations, num_envs, model_known=model_known) < 1:
+            least = self._before_rounds(num_envs, model_known) + self.round
+            raise InputError(
+                "the policy would learn nothing", where="iterations", got=iterations,
+                expected=f"{least} or more with {num_envs} robots: the world model comes first",
+                hint="more robots, or a smaller world_model.fitting.warm_up_steps, need fewer",
+            )  # fmt: skip
+
+    def _before_rounds(self, num_envs: int, model_known: bool) -> int:
+        """Iterations; the one that collects the last of the first steps fits already, or begins a round."""
+        steps, fit = math.ceil(self.fitting.warm_up_steps / num_envs), self.fitting
+        updates = 0 if model_known else fit.warm_up_updates
+        return math.ceil(steps / self.collect.steps) - 1 + math.ceil(updates / WARM_UP_CHUNK)
 
 
 def _layers(section: str, hidden: tuple[int, ...]) -> None:

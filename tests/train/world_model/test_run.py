@@ -18,9 +18,11 @@ from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
 from tests.train.conftest import lightly
 from tests.train.world_model.small import SMALL
+from tests.train.world_model.small import small as small_parts
 from tests.train.worlds import beginning_of
 from train.command import execute
 from train.companion import read_companion
+from train.lineage import find_source
 
 pytestmark = pytest.mark.usefixtures("light")
 
@@ -74,14 +76,20 @@ def test_another_run_begins_with_its_policy_critic_and_model(small, trained, tmp
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     first = next(row["iteration"] for row in rows if "warm_up" not in row)
     assert first == 10 and "model/window_loss" in rows[first - 1] and "imagined/cost" in rows[-1]
-
-
-def test_an_actor_of_one_clip_carries_it(small, trained, tmp_path):
-    run_dir = tmp_path / "run"
-    execute([*small, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={run_dir}"])
-    run = load_run(run_dir / "actor.onnx", None, load_robot(), load_settings().entry)
+    # An actor of one clip carries it.
+    run = load_run(tmp_path / "run" / "actor.onnx", None, load_robot(), load_settings().entry)
     assert (run.actor.spec.follows, run.name) == ("clip", "side_kick")
     assert np.abs(run.reference.feedforward_rad).max() > 0.01
+    # The learning rate falls over the updates that there are, from 5e-4 towards a tenth of it: of three the last one
+    # has a cosine of 2/3 of the way, a quarter; in the tracker's run that of 5/6, of six.
+    last = np.cos(np.pi * np.array([2 / 3, 5 / 6]))
+    rates = [_learner(run)["policy"]["optimizer"]["param_groups"][0]["lr"] for run in (tmp_path / "run", trained)]
+    assert rates == pytest.approx(5e-4 * (0.1 + 0.9 * (0.5 + 0.5 * last)))
+
+
+def _learner(run_dir):
+    """What the newest checkpoint knows of it."""
+    return torch.load(sorted((run_dir / "checkpoints").glob("*.pt"))[-1], weights_only=True)["learner"]
 
 
 def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(small, trained, tmp_path, capsys):
@@ -121,21 +129,22 @@ def test_a_policy_of_another_shape_is_refused_by_name(small, trained, tmp_path):
     """Also where another process is what finds out."""
     with pytest.raises(InputError, match=r"the actor's weights do not fit, got mlp\.network\.first\.weight of"):
         execute([
-            *small, "iterations=1", "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}",
+            *small, "evaluate_every=null", f"init_from={trained}", f"run_dir={tmp_path / 'run'}",
             "world_model.policy.hidden=[16,16]",
         ])  # fmt: skip
 
 
 def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys):
     """To what half precision holds; it begins without warming up, and goes with no other actor."""
-    newest = sorted((trained / "checkpoints").glob("*.pt"))[-1]
-    learner = torch.load(newest, weights_only=True)["learner"]
+    learner = _learner(trained)
     digest = json.loads((trained / "summary.json").read_text())["actor_sha256"]
     read = read_companion(trained / "learner.npz", digest)
-    wanted = learner["fitting"]["model"]
-    assert [*read] == ["model"] and read["model"].keys() == wanted.keys()
-    for key, value in wanted.items():
-        assert torch.allclose(read["model"][key], value.float(), rtol=1e-3, atol=1e-6), key
+    wanted = {"model": learner["fitting"]["model"]}
+    assert read.keys() == wanted.keys()
+    for name, weights in wanted.items():
+        assert read[name].keys() == weights.keys()
+        for key, value in weights.items():
+            assert torch.allclose(read[name][key], value.float(), rtol=1e-3, atol=1e-6), key
     execute([
         *small, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
@@ -150,22 +159,33 @@ def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys
         execute([*small, f"init_from={tmp_path / 'actor.onnx'}", f"run_dir={tmp_path / 'other'}"])
 
 
-def test_another_run_begins_with_the_exported_policy_bit_by_bit(small, trained, tmp_path, capsys):
-    """Graph weights are those of the first checkpoint's average, normalisation included."""
-    execute([
-        *small, "iterations=1", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
-        f"run_dir={tmp_path / 'run'}",
-    ])  # fmt: skip
-    assert "weights of actor and model from" in capsys.readouterr().out
+def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained):
+    """Graph weights are those of its average before its first update, normalisation included."""
+    env, learner = small_parts("world_model.processes=1")
+    networks = find_source(str(trained / "actor.onnx"), load_robot(), env.actor_group).networks
+    assert learner.start_from(networks) == ["actor", "model"]
     stored = {
         part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer
     }
-    newest = sorted((tmp_path / "run" / "checkpoints").glob("*.pt"))[-1]
-    weights = torch.load(newest, weights_only=True)["learner"]["average"]["weights"]
+    weights = learner.weights
     names = [name for name in weights if name.startswith("mlp.")]
     assert len(names) == 12
     for name in names:
         assert np.array_equal(weights[name].numpy(), stored[name]), name
+
+
+def test_a_run_too_short_to_fit_a_model_of_its_own_needs_that_of_its_source(trained):
+    """What the source has is known only now; a resumed run still knows whose model it was."""
+    (env, learner), (_, resumed), (_, short) = (
+        small_parts("world_model.processes=1", f"iterations={iterations}", "init_from=tracker")
+        for iterations in (14, 14, 12)
+    )
+    networks = find_source(str(trained / "actor.onnx"), load_robot(), env.actor_group).networks
+    learner.start_from(networks)
+    resumed.load_state_dict(learner.state_dict())
+    assert learner._rounds() == resumed._rounds() == 2  # of two iterations, after nine
+    with pytest.raises(InputError, match="iterations: the policy would learn nothing, got 12, expected 13 or more"):
+        short.start_from({"actor": networks["actor"]})
 
 
 def test_clips_of_a_manifest_are_trained_together(tmp_path):
@@ -253,5 +273,5 @@ def test_a_figure_that_is_no_number_does_not_keep_an_actor_from_being_written(sm
             return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
 
     monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
-    execute([*small, "iterations=2", "evaluate_every=1", f"run_dir={tmp_path / 'run'}"])
+    execute([*small, "iterations=13", "evaluate_every=13", f"run_dir={tmp_path / 'run'}"])
     assert read_metadata(tmp_path / "run" / "actor.onnx").spec.provenance["evaluation"]["nominal_empbpe_mm"] is None
