@@ -209,8 +209,8 @@ class WorldModelLearner:
         return taken
 
     def beside_actor(self) -> dict[str, Mapping[str, Tensor]]:
-        """Weights of what takes long to learn anew: the world model."""
-        return {"model": self.fitting.model.state_dict()}
+        """Weights of what takes long to learn anew: the critic and the world model."""
+        return {"critic": self._call("state_dict")["critic"]["network"], "model": self.fitting.model.state_dict()}
 
     def blind_spots(self, robot: Robot, observations: Mapping[str, Tensor]) -> list[BlindSpot]:
         """Where the world model is wrong; see :func:`blind_spots`. The robots go on from ``observations``."""

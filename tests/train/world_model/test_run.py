@@ -134,12 +134,12 @@ def test_a_policy_of_another_shape_is_refused_by_name(small, trained, tmp_path):
         ])  # fmt: skip
 
 
-def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys):
+def test_an_actors_companion_is_its_critic_and_its_world_model(small, trained, tmp_path, capsys):
     """To what half precision holds; it begins without warming up, and goes with no other actor."""
     learner = _learner(trained)
     digest = json.loads((trained / "summary.json").read_text())["actor_sha256"]
     read = read_companion(trained / "learner.npz", digest)
-    wanted = {"model": learner["fitting"]["model"]}
+    wanted = {"critic": learner["critic"], "model": learner["fitting"]["model"]}
     assert read.keys() == wanted.keys()
     for name, weights in wanted.items():
         assert read[name].keys() == weights.keys()
@@ -149,7 +149,7 @@ def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys
         *small, "iterations=11", "evaluate_every=null", f"init_from={trained / 'actor.onnx'}",
         f"run_dir={tmp_path / 'run'}",
     ])  # fmt: skip
-    assert "weights of actor and model" in capsys.readouterr().out
+    assert "weights of actor and critic and model" in capsys.readouterr().out
     shutil.copy(trained / "learner.npz", tmp_path / "learner.npz")
     shutil.copy(tmp_path / "run" / "actor.onnx", tmp_path / "actor.onnx")
     with pytest.raises(InputError, match=r"learner\.npz: another actor's"):
@@ -161,9 +161,10 @@ def test_an_actors_companion_is_its_world_model(small, trained, tmp_path, capsys
 
 def test_another_run_begins_with_the_exported_policy_bit_by_bit(trained):
     """Graph weights are those of its average before its first update, normalisation included."""
-    env, learner = small_parts("world_model.processes=1")
+    (env, learner), (_, other) = (small_parts("world_model.processes=1") for _ in range(2))
     networks = find_source(str(trained / "actor.onnx"), load_robot(), env.actor_group).networks
-    assert learner.start_from(networks) == ["actor", "model"]
+    assert learner.start_from(networks) == ["actor", "critic", "model"]
+    assert other.start_from({name: networks[name] for name in ("actor", "model")}) == ["actor", "model"]  # an old file
     stored = {
         part.name: onnx.numpy_helper.to_array(part) for part in onnx.load(trained / "actor.onnx").graph.initializer
     }
