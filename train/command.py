@@ -1,16 +1,20 @@
 """What train/run.py was asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from core.errors import InputError
 from train.config import check, compose_document
 from train.folder import ACTOR_FILE
 from train.origins import told
+from train.report.preset import nearest_preset
 from train.session import replay_dump, train
 from train.setup import Setup, new_setup, resumed_setup
 
 LAST_MILE = "last_mile"  # preset and folder
+HANDED_ON = ("motion", "motions", "robot", "seed", "precision", "device", "threads")
+MET = ("clips", "events", "observations", "randomization", "sensing", "simulation")  # of the environment
 
 
 def execute(arguments: Sequence[str]) -> None:
@@ -42,7 +46,26 @@ def _train(setup: Setup) -> None:
     """The run, and the last mile where it is asked for: a run of its own in a folder of this one's."""
     if train(setup) != "completed" or setup.config.last_mile == "none":
         return
-    kept = {name: setup.document[name] for name in ("motion", "motions", "robot", "seed", "precision", "threads")}
-    told = [f"{name}={value}" for name, value in kept.items() if value is not None]
+    train(new_setup(_last_mile(setup)))
+
+
+def _last_mile(setup: Setup) -> dict[str, Any]:
+    """The last mile's document: of the run's it keeps :data:`HANDED_ON`, and in :data:`MET` what its preset lacks."""
+    kept = {name: setup.document[name] for name in HANDED_ON if setup.document[name] is not None}
     source, folder = setup.run_dir / ACTOR_FILE, setup.run_dir / LAST_MILE
-    train(new_setup(compose_document([*told, f"train={LAST_MILE}", f"init_from={source}", f"run_dir={folder}"])))
+    told = [f"{name}={value}" for name, value in kept.items()]
+    document = compose_document([*told, f"train={LAST_MILE}", f"init_from={source}", f"run_dir={folder}"])
+    preset = compose_document(["motion=stand", f"train={nearest_preset(setup.document)[0]}"])
+    own, usual, met = (each["environment"] for each in (setup.document, preset, document))
+    return {**document, "environment": {**met, **{name: _changed(met[name], usual[name], own[name]) for name in MET}}}
+
+
+def _changed(base: Any, before: Any, after: Any) -> Any:
+    """``base``, changed as ``after`` is from ``before``: mappings key by key, anything else as a whole."""
+    if before == after:
+        return base
+    if not all(isinstance(value, Mapping) for value in (base, before, after)):
+        return after
+    kept = {name: value for name, value in base.items() if name in after or name not in before}
+    new = {name: value for name, value in after.items() if value != before.get(name)}
+    return kept | {name: _changed(kept.get(name), before.get(name), value) for name, value in new.items()}

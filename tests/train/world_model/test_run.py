@@ -23,6 +23,7 @@ from tests.train.worlds import beginning_of
 from train.command import execute
 from train.companion import read_companion
 from train.lineage import find_source
+from train.report.preset import nearest_preset
 
 pytestmark = pytest.mark.usefixtures("light")
 
@@ -223,8 +224,13 @@ def test_ppo_goes_on_with_a_trackers_policy(small, trained, tmp_path, source):
 
 
 def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(small, trained, tmp_path, monkeypatch):
-    """Asked for by one word, after a run that was completed; its own training is left out here."""
+    """Asked for by one word, after a run that was completed; its own training is left out here.
+
+    It meets what was asked for, and is in all else as its preset says.
+    """
     begun = []
+    nearest_preset({})  # composed once for a process, as this machine has it
+    monkeypatch.setattr("train.config.resolve_device", lambda wanted: "cuda" if wanted == "auto" else wanted)
 
     def completed(setup):
         begun.append(setup)
@@ -244,6 +250,9 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
                 f"last_mile={last_mile}",
                 f"run_dir={folder}",
                 "seed=5",
+                "device=cpu",
+                "environment.randomization.friction=[0.6,1.1]",
+                "environment.events.push.params.velocity_m_s=0.6",
             ]
         )
         assert len(begun) == runs
@@ -251,7 +260,11 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
         assert first.config.world_model is not None and first.config.init_from == str(trained)
         for mile in second:
             assert mile.config.world_model is None and mile.config.init_from == str(folder / "actor.onnx")
-            assert (mile.run_dir, mile.config.seed) == (folder / "last_mile", 5)
+            assert (mile.run_dir, mile.config.seed, mile.config.device) == (folder / "last_mile", 5, "cpu")
+            assert mile.config.num_envs == 512
+            met = mile.config.environment
+            assert (met.randomization.friction, met.randomization.nominal_share) == ((0.6, 1.1), 0.25)
+            assert (met.events["push"].params, met.events["push"].interval_s) == ({"velocity_m_s": 0.6}, (5.0, 10.0))
             assert f"motion={mile.config.motion}" == small[0]
         begun.clear()
 
