@@ -12,7 +12,7 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
-from deploy.control.states import Request, StateMachine
+from deploy.control.states import Request
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.recorder import Performance, has_fallen
@@ -24,8 +24,6 @@ from motion.metrics import METRIC_KEYS, Track
 from robot.kinematics import Kinematics
 from robot.robot import Robot
 from world.options import SimOptions
-
-WATCH_AFTER_TRIP_S = 2.0
 
 
 class Start(enum.Enum):
@@ -39,7 +37,7 @@ class Start(enum.Enum):
 class EpisodeRig:
     """What episodes share; built once. backend is open. stand: needed for Start.STAND.
 
-    report_only: the limits on targets and torques only count, and a trip alone is not a fall.
+    report_only: the limits on targets and torques only count.
     """
 
     robot: Robot
@@ -81,7 +79,7 @@ class EpisodeResult:
     """performance: what was recorded; track, reference: done and asked, row by row. None where TRACKING never began.
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
-    fell: root less than 0.3 m above the scene at any time off the gantry, or a trip where trips count. outcome:
+    fell: root less than 0.3 m above the scene at any time off the gantry, or a trip. outcome:
     completed, fell, tripped or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of
     deploy/run.
     """
@@ -123,8 +121,7 @@ def run_episode(
         rig.backend.hang(rig.robot.default_pos_rad + noise, rng=rng)
         plan = cell.unattended()
     falls = FallWatch(rig.backend)
-    until_fall = _UntilFall(plan, falls, cell.machine, rig)
-    cell.loop(rig.backend, rig.clock, plan=until_fall, observers=[falls, *observers]).run()
+    cell.loop(rig.backend, rig.clock, plan=_UntilFall(plan, falls), observers=[falls, *observers]).run()
     return _result(rig, cell, falls.fell, plan.failure)
 
 
@@ -151,21 +148,16 @@ class FallWatch:
 
 
 class _UntilFall:
-    """The plan, ended by a fall, and where the robot would be lowered; where a trip alone is no fall, the damped robot
-    is watched a little longer."""
+    """The plan, ended by a fall, and where the robot would be lowered."""
 
-    def __init__(self, plan: Plan, falls: FallWatch, machine: StateMachine, rig: EpisodeRig) -> None:
+    def __init__(self, plan: Plan, falls: FallWatch) -> None:
         self.failure: str | None = None
-        self._plan, self._falls, self._machine = plan, falls, machine
-        self._watch = round(WATCH_AFTER_TRIP_S / rig.actor.period_s) if rig.report_only else 0
+        self._plan, self._falls = plan, falls
 
     def requests(self, state: RobotState | None) -> Sequence[Request]:
         """See Plan."""
         if self._falls.fell:
             return (Request.QUIT,)
-        if self._machine.fault is not None and self._watch > 0:
-            self._watch -= 1
-            return ()
         return [Request.QUIT if asked is Request.FINISH else asked for asked in self._plan.requests(state)]
 
 
@@ -182,7 +174,7 @@ def _result(rig: EpisodeRig, cell: Cell, fell: bool, failure: str | None) -> Epi
         metrics=metrics,
         steps=performance.num_steps if performance else 0,
         num_ticks=rig.actor.num_ticks,
-        fell=fell or (tripped and not rig.report_only),
+        fell=fell or tripped,
         outcome=outcome,
         fault=str(fault) if tripped else failure,
         limits=dict(cell.guard.counts),

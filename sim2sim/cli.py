@@ -39,7 +39,8 @@ def build_parser() -> ArgumentParser:
         "what an actor that follows goals is shown of the clip (full); without --motion steer, path, reach: by chance"
     )
     add("--goal", choices=tuple(KINDS), default="full", help=shown)
-    add("--sim", choices=("default", "reference"), default="default", help="reference: 200 Hz, no guard, no delay")
+    simulations = "reference: 200 Hz, no delay; limits on targets and torques only count, a trip still ends an episode"
+    add("--sim", choices=("default", "reference"), default="default", help=simulations)
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
     add("--start", choices=("reference", "stand"), default="reference", help="the clip's first frame, or the ground")
     add(

@@ -43,10 +43,7 @@ AVERAGING = (
     "deviation over episodes. Bodies are 24 links, two hands and the head."
 )
 SUCCESS = GOAL_DEFINITIONS["success"]
-SURVIVAL = {
-    "default": "share of episodes without a fall (pelvis below 0.3 m) and without a safety trip",
-    "reference": "share of episodes without a fall (pelvis below 0.3 m)",
-}
+SURVIVAL = "share of episodes without a fall (pelvis below 0.3 m) and without a safety trip"
 
 
 def scores_in(documents: Sequence[Mapping[str, Any]]) -> tuple[Score, ...]:

@@ -71,12 +71,11 @@ def _page(evaluation: Evaluation, pictures: Sequence[Picture]) -> str:
 
 def _scores(runs: Sequence[Run]) -> str:
     documents = [run.document for run in runs]
-    survival_meaning = SURVIVAL[documents[0]["sim"]]
     rows = [
         ("actor", [run.name for run in runs], "", "name or file"),
         ("SHA-256", [document["policy_sha256"][:16] for document in documents], "", "of the file, its first 16 digits"),
         ("motion", [document["motion"] for document in documents], "", ""),
-        ("survival", [percent(document, "survival_rate") for document in documents], "%", survival_meaning),
+        ("survival", [percent(document, "survival_rate") for document in documents], "%", SURVIVAL),
     ]
     if any("success_rate" in document for document in documents):
         rows.append(("success", [percent(document, "success_rate") for document in documents], "%", SUCCESS))

@@ -18,7 +18,7 @@ def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     rows = [("", *names, "unit", "")]
     if any("outcome" in document for document in documents):
         rows.append(("outcome", *(str(d.get("fault") or d.get("outcome", "")) for d in documents), "", ""))
-    for rate, meaning in (("survival", _survival_meaning(documents)), ("success", SUCCESS)):
+    for rate, meaning in (("survival", SURVIVAL), ("success", SUCCESS)):
         if any(f"{rate}_rate" in document for document in documents):
             rows.append((rate, *(percent(document, f"{rate}_rate") for document in documents), "%", meaning))
     for score in scores_in(documents):
@@ -59,7 +59,7 @@ def _means(documents: Sequence[Document], rates: Sequence[str], keys: Sequence[s
     cells = [f"{100.0 * sum(known) / len(known):.1f}" for known in shares]
     for key in keys:
         known = [d["metrics"][key]["mean"] for d in documents if d["metrics"].get(key)]
-        cells.append(format_value({"mean": sum(known) / len(known) if known else float("nan"), "std": 0.0}))
+        cells.append(format_value({"mean": sum(known) / len(known), "std": 0.0} if known else None))
     return cells
 
 
@@ -87,10 +87,6 @@ def read_documents(path: Path) -> list[Document]:
     if not documents or not all(isinstance(d, dict) and isinstance(d.get("metrics"), dict) for d in documents):
         raise InputError("no scores in this file", where=path, expected="JSON of sim2sim/evaluate or deploy/run")
     return documents
-
-
-def _survival_meaning(documents: Sequence[Document]) -> str:
-    return SURVIVAL["reference" if documents[0].get("sim") == "reference" else "default"]
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:

@@ -48,8 +48,8 @@ def align_heading(reference: Reference, root_pos_w: np.ndarray, yaw_rad: float) 
 
 
 def has_fallen(truth: TrueState, scene: Scene) -> bool:
-    """Whether the root is less than 0.3 m above what lies under it."""
-    return bool(scene.above(truth.root_pos_w) < FALL_HEIGHT_M)
+    """Whether the root is not 0.3 m or more above what lies under it; a height that is no number is a fall, too."""
+    return not scene.above(truth.root_pos_w) >= FALL_HEIGHT_M
 
 
 @dataclass
@@ -58,7 +58,8 @@ class Performance:
 
     name: of the clip, and of what was shown of it where that was not all.
     known_root: whether the backend knows where the root is; otherwise orientation is the IMU's and position is 0.
-    fallen_at: first row with the root less than 0.3 m above the reference's scene, or None.
+    fallen_at: first row with the root less than 0.3 m above the reference's scene, or None. A state that is not finite,
+    of a simulation that diverged, is no row: it is a fall, and the rows end before it.
     """
 
     name: str
@@ -73,7 +74,7 @@ class Performance:
 
     @property
     def num_steps(self) -> int:
-        """Rows until the clip's end or the fall, the row of the fall included."""
+        """Rows until the clip's end or the fall, the row of the fall included unless it is not finite."""
         return len(self.joint_pos_rad)
 
     def add(self, state: RobotState) -> None:
@@ -81,14 +82,15 @@ class Performance:
         if self.fallen_at is not None or self.num_steps >= self.reference.num_ticks:
             return
         truth = state.truth
-        if truth is None:
-            self.root_pos_w.append(np.zeros(3))
-            self.root_quat_wxyz.append(state.imu_quat_wxyz)
-            self.joint_pos_rad.append(state.joint_pos_rad)
+        joint_pos_rad = state.joint_pos_rad if truth is None else truth.joint_pos_rad
+        row = (*_root_of(state), joint_pos_rad)
+        if not all(np.isfinite(part).all() for part in row):
+            self.fallen_at = self.num_steps
             return
-        self.root_pos_w.append(truth.root_pos_w)
-        self.root_quat_wxyz.append(truth.root_quat_wxyz)
-        self.joint_pos_rad.append(truth.joint_pos_rad)
+        for kept, part in zip((self.root_pos_w, self.root_quat_wxyz, self.joint_pos_rad), row, strict=True):
+            kept.append(part)
+        if truth is None:
+            return
         self.contact.append(truth.foot_contact)
         if has_fallen(truth, self.reference.scene):
             self.fallen_at = self.num_steps - 1

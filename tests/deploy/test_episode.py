@@ -1,5 +1,7 @@
 """Episodes as the evaluation plays them; the authors' released actor against its published scores."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from deploy.actors import load_run
 from deploy.episode import EpisodeRig, Start, run_episode
 from hal.open import open_backend
 from motion.metrics import METRIC_KEYS
+from sim2sim.player import score_of
 from tests.deploy.toys import ROBOT, SETTINGS, linear_run, write_standing_actor
 from tests.shared_data import SHARED, needs_shared_data
 
@@ -67,6 +70,16 @@ def test_a_fall_ends_the_episode_in_both_simulations(tmp_path):
         assert result.fell and result.outcome in ("fell", "tripped")
         assert result.steps < result.num_ticks
         assert result.metrics["episode_length_ratio"] == result.steps / result.num_ticks
+
+
+def test_a_trip_ends_an_episode_where_limits_only_report_as_well(stand):
+    safety = replace(SETTINGS.safety, tilt=replace(SETTINGS.safety.tilt, away_rad=1e-4))
+    clock = SimulatedClock()
+    with open_backend("mujoco", ROBOT, clock, sim="reference", gantry=False) as backend:
+        stage = replace(rig(backend, clock, stand, report_only=True), settings=replace(SETTINGS, safety=safety))
+        result = run_episode(stage, np.random.default_rng(0), start_noise_rad=0.02)
+    assert (result.outcome, result.fell, result.steps) == ("tripped", True, 3)  # 0.06 s
+    assert score_of(result, ROBOT, None).ended == "tilt"
 
 
 REFERENCE = {

@@ -6,11 +6,13 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from hal.simulated.mujoco import MujocoBackend
 from motion.clip import save_clip
 from sim2sim.cli import main
 from sim2sim.evaluation import evaluate
@@ -107,6 +109,24 @@ def test_a_fall_ends_the_episode_and_counts(falling: str, still: str) -> None:
     reference = evaluate(Player(request(falling, episodes=2, sim="reference")), workers=1)
     assert reference.document()["survival_rate"] == 0.0
     assert not any(episode.survived for episode in reference.runs[0].episodes)
+
+
+def test_an_episode_that_diverges_costs_the_others_nothing(still: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second of three is set down where no number is: it has no step, and the means are those of the others."""
+    alone = evaluate(Player(request(still)), workers=1).document()["metrics"]["eg_mpbpe_mm"]["mean"]
+    usual, begun = MujocoBackend.reset_to, []
+
+    def reset_to(self: MujocoBackend, pos: np.ndarray, *rest: Any, **more: Any) -> None:
+        begun.append(pos)
+        usual(self, pos * (np.nan if len(begun) == 2 else 1.0), *rest, **more)
+
+    monkeypatch.setattr(MujocoBackend, "reset_to", reset_to)
+    evaluation = evaluate(Player(request(still)), workers=1)
+    document = evaluation.document()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert document["survival_rate"] == pytest.approx(2 / 3)
+    assert 0.0 < document["metrics"]["eg_mpbpe_mm"]["mean"] < 2.0 * alone
+    assert [remark for remark in evaluation.remarks() if "1 of 3 ended early" in remark]
 
 
 def test_conditions_reach_the_simulation() -> None:

@@ -169,3 +169,16 @@ def test_a_fall_is_low_above_what_lies_under_the_root():
     assert [has_fallen(truth([0.0, 0.0, z]), FLAT) for z in (0.29, 0.31)] == [True, False]
     assert [has_fallen(truth([0.0, 0.0, z]), table) for z in (1.29, 1.31)] == [True, False]
     assert [has_fallen(truth([2.0, 0.0, z]), table) for z in (-0.71, -0.69)] == [True, False]
+    assert has_fallen(truth([0.0, 0.0, np.nan]), FLAT) and has_fallen(truth([np.nan, 0.0, np.nan]), table)
+
+
+@pytest.mark.parametrize("part", ["root_pos_w", "root_quat_wxyz", "joint_pos_rad"])
+def test_a_state_that_is_not_finite_is_a_fall_and_the_rows_end_before_it(run, part):
+    states = [state(truth=truth([0.0, 0.0, HEIGHT_M])) for _ in range(9)]
+    diverged = replace(states[4].truth, **{part: getattr(states[4].truth, part) * np.nan})
+    states[4:] = [replace(states[4], truth=diverged)] * 5
+    performance, _ = play(run, states)
+    assert performance.fallen_at == performance.num_steps == 3
+    metrics = performance.metrics(KINEMATICS)
+    assert metrics["episode_length_ratio"] == 3 / 10
+    assert metrics["eg_mpbpe_mm"] == pytest.approx(0.0, abs=1e-9) and np.isfinite(list(metrics.values())).all()
