@@ -33,8 +33,8 @@ def load_options(kind: type[T], path: Path) -> T:
 
 
 @contextmanager
-def errors_in(path: Path) -> Iterator[None]:
-    """Errors about the content of a file name it."""
+def errors_in(path: str | Path) -> Iterator[None]:
+    """Errors about the content of a file, or of something that has a name, name it."""
     try:
         yield
     except InputError as error:

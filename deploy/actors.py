@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.goals.clip import ClipGoal
@@ -64,7 +65,8 @@ def load_run(
     assert actor.spec.motion is not None, "it says which motion is inside"
     if kind != "full" and not follows_goals(actor.spec):
         raise InputError("this actor follows clips, not goals", where=actor.path, got=f"--goal {kind}", expected="full")
-    reference = reference_for(actor.spec, clip, robot)
+    with errors_in(f"motion {actor.spec.motion.name}"):
+        reference = reference_for(actor.spec, clip, robot)
     goal = ClipGoal(actor.spec.motion.name, clip, reference, start_pose_rad(actor, robot), kind)
     return ActorRun(actor, robot, entry, goal)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from core.config import config_file
+from core.config import config_file, errors_in
 from core.errors import InputError
 from motion.clip import Clip
 from motion.contact import contact_of, staying_contact
@@ -96,7 +96,7 @@ def process(request: ProcessRequest, say: Say) -> Record:
         clip = _finished(after, robot, request, output)
     except InputError as error:
         if verdict.stable:
-            raise
+            raise InputError(str(error), where=request.file) from error
         return replace(record, failure=str(error))
     own = judge((clip, robot))
     say(f"finish: {clip.num_frames} frames at {clip.fps:g} per second, {clip.duration_s:.2f} s, {_judged(own)}")
@@ -124,7 +124,8 @@ def _read(request: ProcessRequest, robot: Robot) -> HumanMotion | Clip:
         raise InputError("has a scene", where=request.file, expected="a motion on flat ground at height 0")
     if request.start_s is None and request.end_s is None:
         return motion
-    return segment_motion(motion, request.start_s or 0.0, request.end_s)
+    with errors_in(request.file):
+        return segment_motion(motion, request.start_s or 0.0, request.end_s)
 
 
 def _digest(path: Path) -> str:

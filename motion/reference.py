@@ -64,11 +64,10 @@ def build_reference(clip: Clip, robot: Robot, dt_s: float = 0.02) -> Reference:
     """
     if not dt_s > 0.0:
         raise InputError("bad control period", got=dt_s, expected="a positive number of seconds")
-    where = clip.source or "clip"
     ticks = int(np.floor(clip.duration_s / dt_s + 1e-9))
     if ticks < 1 or clip.duration_s > MAX_DURATION_S:
         expected = f"from one control period ({dt_s:g} s) to {MAX_DURATION_S:g} s"
-        raise InputError("bad length", where=where, got=f"{clip.duration_s:g} s", expected=expected)
+        raise InputError("bad length", got=f"{clip.duration_s:g} s", expected=expected)
     times_s = np.arange(ticks + 1) * dt_s
     samples = sample_clip(clip, times_s)
     columns = joint_columns(clip, robot)
@@ -100,4 +99,4 @@ def joint_columns(clip: Clip, robot: Robot, where: str | None = None) -> np.ndar
     try:
         return robot.joint_index(clip.joint_names)
     except InputError as error:
-        raise InputError(str(error), where=where or clip.source or "clip") from error
+        raise InputError(str(error), where=where) from error

@@ -31,7 +31,7 @@ def sample_clip(clip: Clip, times_s: np.ndarray) -> ClipSamples:
     """
     times_s = np.asarray(times_s, dtype=np.float64)
     if times_s.ndim != 1 or not np.isfinite(times_s).all():
-        raise InputError("bad times", where=clip.source or "clip", got=times_s, expected="finite times, shape (T,)")
+        raise InputError("bad times", got=times_s, expected="finite times, shape (T,)")
     frame = np.clip(times_s * clip.fps, 0.0, clip.num_frames - 1)
     first = np.minimum(frame.astype(np.int64), clip.num_frames - 2)
     part = frame - first
@@ -73,7 +73,7 @@ def resample(clip: Clip, fps: float) -> Clip:
         return clip
     if not MIN_FPS <= fps <= MAX_FPS:
         expected = f"{MIN_FPS:g} to {MAX_FPS:g} frames per second"
-        raise InputError("bad frame rate", where=clip.source or "clip", got=fps, expected=expected)
+        raise InputError("bad frame rate", got=fps, expected=expected)
     num_frames = int(np.floor(clip.duration_s * fps + 1e-9)) + 1
     samples = sample_clip(clip, np.arange(num_frames) / fps)
     return replace(

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from torch import Tensor
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip, load_clip
 from motion.clip_set import NamedClip, open_clip_set
@@ -45,7 +46,11 @@ class Setup:
     def references(self) -> dict[str, Reference]:
         """What is tracked, by name."""
         clips = self.clips or (NamedClip(self.config.motion_name, self.clip),)
-        return {clip.name: build_reference(clip.clip, self.robot, CONTROL_PERIOD_S) for clip in clips}
+        references = {}
+        for clip in clips:
+            with errors_in(f"motion {clip.name}"):
+                references[clip.name] = build_reference(clip.clip, self.robot, CONTROL_PERIOD_S)
+        return references
 
     @cached_property
     def friction_needed(self) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 from core.arguments import ArgumentParser, positive_argument
 from core.command import BAD_INPUT, DONE, FAILED, guarded
+from core.config import errors_in
 from core.errors import InputError
 from motion.cli.text_table import text_table
 from motion.filter import Verdict, judge
@@ -69,7 +70,9 @@ def find(name_or_file: str, robot: Robot, fps: float | None = None) -> ClipFindi
     """Judge one clip. Raises InputError when it cannot be read."""
     clip = open_motion(name_or_file, robot, csv_fps=fps)
     verdict = judge((clip, robot))
-    told = figures(check_clip(clip, robot), trace_clip(clip, robot), verdict, residual_of(clip, robot))
+    with errors_in(name_or_file):
+        residual = residual_of(clip, robot)
+    told = figures(check_clip(clip, robot), trace_clip(clip, robot), verdict, residual)
     return ClipFinding(name_or_file, verdict, told)
 
 

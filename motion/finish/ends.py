@@ -45,12 +45,12 @@ def with_default_ends(
     settings = settings or read_section(FinishSettings, "finish")
     seconds = settings.default_ends_s if seconds is None else seconds
     count = blend_frames(clip, seconds)
-    frames, body, where = frames_of(clip, robot), FramePoses(robot), clip.source or "clip"
+    frames, body = frames_of(clip, robot), FramePoses(robot)
     parts = [frames]
     for turned in (slice(None), slice(None, None, -1)):  # the way back is the way there of the clip played backwards
         inner = frames[turned]
         if not _is_default(inner, robot, settings):
-            check_speed(inner.joint_pos_rad[0] - robot.default_pos_rad, count / clip.fps, robot, where)
+            check_speed(inner.joint_pos_rad[0] - robot.default_pos_rad, count / clip.fps, robot)
             outer = _lead_in(inner, body, count, settings)[turned]
             parts = [outer, *parts] if turned.step is None else [*parts, outer]
     return with_frames(clip, robot, *parts)

@@ -81,17 +81,16 @@ def ease(part: np.ndarray) -> np.ndarray:
 
 def blend_frames(clip: Clip, seconds: float) -> int:
     """Number of frames in a blend of `seconds`. Raises InputError unless that is one frame up to 60 s."""
-    where = clip.source or "clip"
     if not 0.0 < seconds <= MAX_BLEND_S:
         expected = f"over 0 s, at most {MAX_BLEND_S:g} s"
-        raise InputError("bad length of a blend", where=where, got=f"{seconds:g} s", expected=expected)
+        raise InputError("bad length of a blend", got=f"{seconds:g} s", expected=expected)
     return max(1, round(seconds * clip.fps))
 
 
-def check_speed(way_rad: np.ndarray, seconds: float, robot: Robot, where: str) -> None:
+def check_speed(way_rad: np.ndarray, seconds: float, robot: Robot) -> None:
     """Raise InputError naming the joint that a blend by `way_rad` (J,) would move faster than its limit."""
     needed = _FASTEST * np.abs(way_rad) / robot.vel_limit_rad_s
     joint = int(needed.argmax())
     if needed[joint] > seconds:
         what = f"blend too short for {robot.joint_names[joint]}"
-        raise InputError(what, where=where, got=f"{seconds:g} s", expected=f"at least {needed[joint]:.2f} s")
+        raise InputError(what, got=f"{seconds:g} s", expected=f"at least {needed[joint]:.2f} s")

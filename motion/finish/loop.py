@@ -37,19 +37,18 @@ def loop_clip(clip: Clip, robot: Robot, seconds: float | None = None, settings: 
     """
     settings = settings or read_section(FinishSettings, "finish")
     count = blend_frames(clip, settings.loop_blend_s if seconds is None else seconds)
-    where = clip.source or "clip"
     if clip.num_frames <= 3 * count:
         expected = f"more than three blends of {count / clip.fps:g} s"
-        raise InputError("too short to loop", where=where, got=f"{clip.duration_s:g} s", expected=expected)
+        raise InputError("too short to loop", got=f"{clip.duration_s:g} s", expected=expected)
     frames, body = frames_of(clip, robot), FramePoses(robot)
     head = frames[: count + 1]
-    rest = _without_drift(frames[count:], body, settings, where)
+    rest = _without_drift(frames[count:], body, settings)
     tail = rest[len(rest.contact) - count - 1 :]
-    check_speed(np.abs(head.joint_pos_rad - tail.joint_pos_rad).max(axis=0), count / clip.fps, robot, where)
+    check_speed(np.abs(head.joint_pos_rad - tail.joint_pos_rad).max(axis=0), count / clip.fps, robot)
     return with_frames(clip, robot, rest[: -count - 1], _crossfade(tail, head, body, settings.stays_m))
 
 
-def _without_drift(frames: Frames, body: FramePoses, settings: FinishSettings, where: str) -> Frames:
+def _without_drift(frames: Frames, body: FramePoses, settings: FinishSettings) -> Frames:
     """`frames` turned and moved in the plane, more and more, so that the last stands and faces as the first does."""
     places, headings = _standing_places(frames, body)
     turn = -float(np.mean(_wrapped(headings[1] - headings[0])))
@@ -57,7 +56,7 @@ def _without_drift(frames: Frames, body: FramePoses, settings: FinishSettings, w
     if distance > settings.max_loop_drift_m or abs(turn) > settings.max_loop_turn_rad:
         got = f"{distance:.2f} m and {np.rad2deg(abs(turn)):.0f} degrees from its beginning to its end"
         most = f"at most {settings.max_loop_drift_m:g} m and {np.rad2deg(settings.max_loop_turn_rad):.0f} degrees"
-        raise InputError("the motion travels, it does not loop", where=where, got=got, expected=most)
+        raise InputError("the motion travels, it does not loop", got=got, expected=most)
     share = np.linspace(0.0, 1.0, len(frames.contact))
     quat = quat_from_axis_angle(_UP, share * turn)
     middle = places.mean(axis=(0, 1))  # turning about it moves little

@@ -22,15 +22,14 @@ def segment_motion(motion: _Recording, start_s: float = 0.0, end_s: float | None
     Raises InputError when the times are not within it or fewer than two frames are left.
     """
     last = motion.duration_s if end_s is None else end_s
-    where = motion.source or "motion"
     if not (0.0 <= start_s < last <= motion.duration_s + 0.5 / motion.fps):
         expected = f"0 <= start < end <= {motion.duration_s:.3f} s, the length of the motion"
-        raise InputError("times outside the motion", where=where, got=f"{start_s:g} to {last:g} s", expected=expected)
+        raise InputError("times outside the motion", got=f"{start_s:g} to {last:g} s", expected=expected)
     first = int(np.ceil(start_s * motion.fps - 1e-6))
     stop = min(int(np.floor(last * motion.fps + 1e-6)) + 1, motion.num_frames)
     if stop - first < 2:
         got = f"{max(stop - first, 0)} frames from {start_s:g} to {last:g} s"
-        raise InputError("too few frames", where=where, got=got, expected="2 or more")
+        raise InputError("too few frames", got=got, expected="2 or more")
     part: dict[str, Any] = {name: getattr(motion, name)[first:stop] for name in _ARRAYS[type(motion)]}
     if isinstance(motion, HumanMotion) and stop - first < motion.num_frames:
         part["notes"] = (*motion.notes, f"Cut to {start_s:g} to {last:g} s of the recording.")

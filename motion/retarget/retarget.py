@@ -97,8 +97,7 @@ def _lines(motion: HumanMotion, shape: RobotShape, settings: RetargetSettings) -
         line = joint_w(motion, row.human[1]) - joint_w(motion, row.human[0])
         length = np.median(np.linalg.norm(line, axis=1))
         if length < MIN_SIZE_M:
-            where = motion.source or "motion"
-            raise InputError("a segment has no length", where=where, got=" to ".join(row.human))
+            raise InputError("a segment has no length", got=" to ".join(row.human))
         lines[:, i] = line * (shape.segment_m[i] / length)
     return lines
 

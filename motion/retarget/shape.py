@@ -62,7 +62,7 @@ def human_shape(motion: HumanMotion) -> HumanShape:
     legs = [[joint_w(motion, f"{side}_{part}") for part in ("hip", "knee", "ankle")] for side in SIDES]
     leg_m = np.mean([np.median(np.linalg.norm(np.diff(leg, axis=0), axis=-1), axis=1).sum() for leg in legs])
     if leg_m < MIN_SIZE_M:
-        raise InputError("the legs have no length", where=motion.source or "motion", got=f"{leg_m:g} m")
+        raise InputError("the legs have no length", got=f"{leg_m:g} m")
     ankle, quat = motion.pos_w[:, ANKLES, None], motion.quat_wxyz[:, ANKLES, None]
     down = quat_rotate_inverse(np.broadcast_to(quat, (*motion.sole_w.shape[:3], 4)), motion.sole_w - ankle)[..., 2]
     return HumanShape(
