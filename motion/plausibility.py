@@ -57,7 +57,7 @@ def balance(track: SupportTrack, distance_m: np.ndarray, settings: FilterSetting
     unstable = (distance_m >= STABLE_DISTANCE_M) & ~supported
     passed = is_stable(np.where(unstable, np.inf, 0.0), track.fps)
     length, first = _longest(unstable)
-    value = length * CONTACT_RULE_FPS / track.fps
+    value = (length + 1 if length else 0) * CONTACT_RULE_FPS / track.fps  # from one stable frame to the next
     ends = [i for i in (0, -1) if unstable[i]]
     if ends:
         where, far = "first" if ends[0] == 0 else "last", distance_m[ends[0]]
@@ -65,8 +65,8 @@ def balance(track: SupportTrack, distance_m: np.ndarray, settings: FilterSetting
         place = beside if np.isfinite(far) else "above nothing that touches the ground"
         reason = f"out of balance: in the {where} frame the centre of mass is {place}"
     else:
-        reason = f"out of balance: for {value:.0f} frames (at 30 fps) on end, from {first / track.fps:.1f} s"
-    reason += f" (Eq. 1: within {STABLE_DISTANCE_M:g} m but for gaps under {MAX_UNSTABLE_FRAMES} frames)"
+        reason = f"out of balance: from {first / track.fps:.1f} s it is {value:.0f} frames (at 30 fps) to a stable one"
+    reason += f" (Eq. 1: within {STABLE_DISTANCE_M:g} m, from one such frame to the next under {MAX_UNSTABLE_FRAMES})"
     return Finding("balance", passed, np.flatnonzero(unstable), value, MAX_UNSTABLE_FRAMES, "" if passed else reason)
 
 

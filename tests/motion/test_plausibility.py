@@ -89,7 +89,8 @@ def test_balance_counts_the_gap(settings, unstable, passed):
     finding = plausibility.balance(track(200, com_w=com), distance, settings)
     assert finding.passed is passed
     np.testing.assert_array_equal(finding.frames, np.arange(50, 50 + unstable))
-    assert passed or "for 99 frames (at 30 fps) on end, from 1.7 s" in finding.reason
+    assert (finding.value, finding.limit) == (unstable + 1, 100)
+    assert passed or "from 1.7 s it is 100 frames (at 30 fps) to a stable one" in finding.reason
 
 
 def test_balance_names_the_last_frame(settings):
