@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from core.arguments import ArgumentParser, path_argument
 from core.command import guarded
 from core.errors import InputError
 from sim2sim.definitions import AVERAGING, GOAL_SCORES, SUCCESS, SURVIVAL, scores_in
@@ -84,9 +85,19 @@ def read_documents(path: Path) -> list[Document]:
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise InputError("cannot read the scores", where=path, got=error) from error
     documents = content.get("runs", [content]) if isinstance(content, dict) else []
-    if not documents or not all(isinstance(d, dict) and isinstance(d.get("metrics"), dict) for d in documents):
+    if not isinstance(documents, list) or not documents or not all(map(_has_scores, documents)):
         raise InputError("no scores in this file", where=path, expected="JSON of sim2sim/evaluate or deploy/run")
     return documents
+
+
+def _has_scores(document: Any) -> bool:
+    """Whether it is a run's object: metrics are unknown or have mean and deviation, and shares are numbers."""
+    if not isinstance(document, dict) or not isinstance(document.get("metrics"), dict):
+        return False
+    known = [value for value in document["metrics"].values() if value is not None]
+    numbers = [document.get(rate, 0.0) for rate in CLIP_RATES]
+    numbers += [value.get(key) if isinstance(value, dict) else None for value in known for key in ("mean", "std")]
+    return all(isinstance(number, int | float) for number in numbers)
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:
@@ -101,9 +112,11 @@ def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:
 @guarded
 def main(arguments: Sequence[str]) -> int:
     """Print the tables of the given JSON files."""
-    for name in arguments:
-        documents = read_documents(Path(name))
-        print(format_table(documents, [str(d.get("motion", Path(name).stem)) for d in documents]))
+    parser = ArgumentParser("sim2sim.table", description="Show scores as a table.", allow_abbrev=False)
+    parser.add_argument("files", nargs="+", metavar="FILE", type=path_argument, help="JSON of an evaluation or a run")
+    for path in parser.parse_args(arguments).files:
+        documents = read_documents(path)
+        print(format_table(documents, [str(d.get("motion", path.stem)) for d in documents]))
     return 0
 
 

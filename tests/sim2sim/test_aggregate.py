@@ -9,7 +9,7 @@ from motion.metrics import METRIC_KEYS
 from sim2sim.aggregate import run_document, survival_rate, worst_frame
 from sim2sim.episode import EpisodeScore
 from sim2sim.plots import survival_percent
-from sim2sim.table import format_table, main
+from sim2sim.table import clip_table, format_table, main
 
 
 def episode(value: float | None, ended: str = "completed", body_error_mm: object = ((0.0, 0.0),)) -> EpisodeScore:
@@ -83,10 +83,24 @@ def test_table_of_a_file(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.count("12.0") == 2 * 8
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"runs": []}', '{"metrics": 3}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "", "[]", "{}", '{"runs": []}', '{"runs": 3}', '{"runs": {"a": 1}}', '{"metrics": 3}',
+        '{"metrics": {"eg_mpbpe_mm": 3}}', '{"metrics": {"eg_mpbpe_mm": {"mean": 3}}}',
+        '{"metrics": {}, "survival_rate": "all"}',
+    ],
+)  # fmt: skip
 def test_table_of_something_else_is_refused(content: str, tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "scores.json"
     path.write_text(content)
     assert main([str(path)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and str(path) in error and error.count("\n") == 1
+
+
+def test_a_table_of_nothing_is_refused_and_what_is_unknown_is_a_dash(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "FILE" in capsys.readouterr().err
+    document = run_document("ab12", "taichi", "default", [episode(None)])
+    assert clip_table([document], ["taichi"]).splitlines()[-1].split() == ["all", "1", "100.0", "-", "-", "-", "-"]
