@@ -31,7 +31,7 @@ def check_clip(run: ActorRun, robot: Robot, *, binding: bool) -> list[Check]:
     if envelope is not None:
         known = str(novelty(run.reference, robot, envelope))
     found = known if verdict.stable else "; ".join(verdict.reasons)
-    return [Check(f"clip {run.name}", verdict.stable or not binding, found)]
+    return [Check(f"clip {run.name}", verdict.stable or not binding, found, remarkable=not verdict.stable)]
 
 
 def rehearse(run: ActorRun, robot: Robot, settings: DeploySettings, say: Callable[[str], None]) -> list[Check]:

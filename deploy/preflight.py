@@ -24,11 +24,17 @@ GAP_S = 0.5
 
 @dataclass(frozen=True)
 class Check:
-    """One row of the table."""
+    """One row of the table. remarkable: passed, but a person should read what was found."""
 
     what: str
     passed: bool
     found: str
+    remarkable: bool = False
+
+    @property
+    def mark(self) -> str:
+        """`ok`, `note` or `NO`."""
+        return "NO" if not self.passed else "note" if self.remarkable else "ok"
 
 
 class PreflightRefused(DeviceError):
@@ -62,8 +68,8 @@ def run_preflight(
 
 def table(checks: Sequence[Check]) -> str:
     """The checks as lines of text."""
-    width = max(len(check.what) for check in checks)
-    return "\n".join(f"  {'ok' if check.passed else 'NO':2}  {check.what:{width}}  {check.found}" for check in checks)
+    marks, width = max(len(check.mark) for check in checks), max(len(check.what) for check in checks)
+    return "\n".join(f"  {check.mark:{marks}}  {check.what:{width}}  {check.found}" for check in checks)
 
 
 def require(checks: Sequence[Check], what: str = "preflight") -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from deploy.clip_check import check_clip
 from sim2sim.aggregate import run_document, worst_frame
 from sim2sim.episode import EpisodeScore
 from sim2sim.parallel import Job, default_workers, play_all
@@ -36,8 +37,9 @@ class Evaluation:
         return documents[0] if len(documents) == 1 else {"runs": documents}
 
     def remarks(self) -> list[str]:
-        """Where each run was worst, and what ended episodes early, in words."""
-        lines = []
+        """What keeps clips from being performed, where each run was worst, and what ended episodes early, in words."""
+        checks = [one for run in self.player.runs for one in check_clip(run, self.player.robot, binding=False)]
+        lines = list(dict.fromkeys(f"{check.what}: {check.found}" for check in checks if check.remarkable))
         for run in self.runs:
             worst = worst_frame(run.episodes)
             if worst is not None:

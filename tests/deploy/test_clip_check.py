@@ -13,7 +13,7 @@ from deploy.dry_run_record import DryRunRecord
 from deploy.episode import Start
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions
-from deploy.preflight import PreflightRefused
+from deploy.preflight import Check, PreflightRefused, table
 from deploy.session import run_session
 from deploy.settings import load_settings
 from motion.clip import save_clip
@@ -22,6 +22,9 @@ from motion.envelope import TRAINED_ON, envelope_of
 from motion.library import open_motion
 from motion.reference import build_reference
 from robot.robot import load_robot
+from sim2sim.evaluation import Evaluation
+from sim2sim.player import Player
+from sim2sim.request import EvaluationRequest
 from tests.deploy.test_session import NoKeyboard, SwitchesAtTick
 from tests.sim2sim.toys import standing_clip, write_still_actor
 
@@ -82,6 +85,19 @@ def test_what_nobody_can_perform_is_refused_on_a_real_wire_alone(still, tmp_path
     real, simulated = (check_clip(run, ROBOT, binding=binding)[0] for binding in (True, False))
     assert not real.passed and simulated.passed
     assert "floating" in real.found and real.found == simulated.found
+    assert [line.split()[0] for line in table([real, simulated, Check("x", True, "")]).splitlines()] == [
+        "NO", "note", "ok",
+    ]  # fmt: skip
+
+
+def test_an_evaluation_says_what_nobody_can_perform(still, tmp_path):
+    clip = standing_clip(0.4)
+    high = clip.root_pos_w.copy()
+    high[:, 2] += 5.0
+    save_clip(replace(clip, root_pos_w=high), tmp_path / "high.npz")
+    player = Player(EvaluationRequest((still, still), (str(tmp_path / "high.npz"), "stand")))
+    told = [line for line in Evaluation(player.request, player, []).remarks() if line.startswith("clip ")]
+    assert len(told) == 1 and told[0].startswith("clip high: out of balance: ")
 
 
 def test_preflight_asks_it_before_anything_is_energised(still, tmp_path, monkeypatch):
