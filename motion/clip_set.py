@@ -11,7 +11,7 @@ from core.errors import InputError
 from core.structured import distinct
 from motion.clip import Clip
 from motion.formats import HUMAN_FORMATS, format_of
-from motion.library import open_motion
+from motion.library import bundled_names, open_motion
 from motion.npz import read_file
 from motion.read import read_clip
 from robot.robot import Robot
@@ -74,6 +74,7 @@ def open_clips(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
     clips: list[NamedClip] = []
     for motion in motions:
         is_set = Path(motion).is_dir() or Path(motion).suffix in MANIFEST_ENDINGS
+        is_set = is_set and motion not in bundled_names()  # a folder of such a name is ./NAME
         found = open_clip_set(motion, robot) if is_set else (NamedClip(Path(motion).stem, open_motion(motion, robot)),)
         clips += found
     distinct("--motion", [clip.name for clip in clips], "two clips of the same name")
@@ -102,9 +103,12 @@ def open_clip_set(folder_or_manifest: str | Path, robot: Robot, split: Split = "
 
 
 def _of_folder(folder: Path, robot: Robot) -> tuple[NamedClip, ...]:
-    files = sorted((file for file in folder.iterdir() if file.suffix in CLIP_ENDINGS), key=lambda file: file.stem)
+    clips = (file for file in folder.iterdir() if file.suffix.lower() in CLIP_ENDINGS and file.name[0] != ".")
+    files = sorted(clips, key=lambda file: file.stem)
     if not files:
-        raise InputError("no clip", where=folder, expected=f"files that end in {', '.join(CLIP_ENDINGS)}")
+        raise InputError(
+            "no clip", where=folder, expected=f"{MANIFEST}, or files that end in {', '.join(CLIP_ENDINGS)}"
+        )
     with errors_in(folder):
         distinct(None, [file.stem for file in files], "two clips of the same name")
     return tuple(NamedClip(file.stem, open_motion(file, robot)) for file in files)

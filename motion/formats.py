@@ -37,9 +37,9 @@ def format_of(content: bytes, path: Path) -> Format:
     if content.startswith(_TORCH_BEFORE_ZIP):
         hint = "load it with torch and save it again: torch.save writes zip files since version 1.6"
         raise InputError("torch file of the old kind", where=path, hint=hint)
-    if content[:1] == b"\x80" or path.suffix == ".pkl":
+    if content[:1] == b"\x80" or path.suffix.lower() == ".pkl":
         return Format.PBHC
-    if b"\0" in content or path.suffix in (".npz", ".pt"):
+    if b"\0" in content or path.suffix.lower() in (".npz", ".pt"):
         raise InputError("unknown or damaged format", where=path, expected=FORMATS)
     start = content[:200].removeprefix(b"\xef\xbb\xbf").split(maxsplit=1)
     if path.suffix.lower() == ".bvh" or (start and start[0].upper() == b"HIERARCHY"):

@@ -42,7 +42,7 @@ def _find(name_or_file: str | Path) -> Path:
         return CLIPS / f"{text}.npz"
     if not text or "\0" in text:
         raise InputError("no motion given", got=repr(text), expected=f"one of {_bundled_list()}, or a file: {FORMATS}")
-    if path.suffix not in ENDINGS and path.name == text and not path.exists():
+    if path.suffix.lower() not in ENDINGS and path.name == text and not path.exists():
         raise InputError("no such clip", where=text, expected=f"one of {_bundled_list()}, or a file: {FORMATS}")
     return path
 

@@ -53,10 +53,17 @@ class ProcessRequest:
         return {key: value.name if isinstance(value, Path) else value for key, value in given.items() if value}
 
     def settings_sha256(self) -> str:
-        """Of the files with the settings of all steps, and of the robot's."""
+        """Of the files with the settings of all steps, of the robot's, and of the skeleton and body models given."""
         robot = load_robot(self.robot)
-        files = (PROCESS, SETTINGS / f"{robot.name}.yaml", config_file("robot", self.robot), robot.mjcf_path)
-        return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()
+        files = [PROCESS, SETTINGS / f"{robot.name}.yaml", config_file("robot", self.robot), robot.mjcf_path]
+        files += [] if self.skeleton is None else [self.skeleton]
+        files += [] if self.body_models is None else sorted(self.body_models.rglob("*"))
+        digest = hashlib.sha256()
+        for path in filter(Path.is_file, files):
+            with path.open("rb") as file:
+                while part := file.read(2**20):
+                    digest.update(part)
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True)

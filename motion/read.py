@@ -18,6 +18,12 @@ from motion.npz import read_file, read_npz
 from motion.reference import joint_columns
 from robot.robot import Robot
 
+_USED = {
+    Format.BVH: ("--skeleton", "--unit", "--up"),
+    Format.AMASS: ("--up", "--body-models"),
+    Format.GVHMR: ("--up", "--body-models"),
+}  # what else than the frame rate may be given
+
 
 def read_motion(
     path: Path,
@@ -37,14 +43,18 @@ def read_motion(
     `body_models`, the folder of the licensed model files. `up`, the axis that points up in the file (x, y, z, -x, -y,
     -z). The last two are detected where not given. A Clip's joints are those of `robot`.
 
-    Raises InputError: no such file, unknown, damaged, too large, or something that must be said by an option.
+    Raises InputError: no such file, unknown, damaged, too large, something that must be said by an option, or an option
+    for which the format has no use.
     """
     path = Path(path)
     content = read_file(path)
-    kind = format_of(content, path)
+    kind, where = format_of(content, path), str(path)
+    given = {"--skeleton": skeleton, "--unit": unit, "--up": up, "--body-models": body_models}
+    unused = [option for option, value in given.items() if value is not None and option not in _USED.get(kind, ())]
+    if unused:
+        raise InputError(f"{kind.value} has no use for {', '.join(unused)}", where=where, hint="leave it out")
     if kind not in HUMAN_FORMATS:
-        return read_clip(content, kind, str(path), robot, fps)
-    where = str(path)
+        return read_clip(content, kind, where, robot, fps)
     if kind is Format.BVH:
         recording = bvh_motion(content, where, fps=fps, unit=unit, skeleton=skeleton)
     elif kind is Format.AMASS:

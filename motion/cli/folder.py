@@ -19,6 +19,8 @@ MAX_REPORT_BYTES = 64 * 2**20
 def check_folder(folder: Path, *, makes_parent: bool = False) -> None:
     """Raise InputError unless results may go to `folder`: new, empty, or made by motion/process and left alone.
 
+    The folder is replaced as a whole, so that it can be neither the working directory nor a mount point.
+
     `makes_parent`: the folder around it may be missing.
     """
     if folder.is_dir():
@@ -26,6 +28,10 @@ def check_folder(folder: Path, *, makes_parent: bool = False) -> None:
         if held and not _made_here(folder, held):
             expected = "a new or empty folder, or one that motion/process made and that holds nothing else"
             raise InputError("folder is in use", where=folder, got=", ".join(sorted(held)[:5]), expected=expected)
+        place = folder.resolve()
+        if place == Path.cwd() or place.is_mount():
+            got = "the working directory" if place == Path.cwd() else "a mount point"
+            raise InputError("cannot be replaced", where=folder, got=got, hint="name a folder in it")
     elif folder.exists() or folder.is_symlink():
         raise InputError("is a file", where=folder, expected="a folder")
     parent = folder.absolute().parent

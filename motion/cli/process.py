@@ -1,6 +1,7 @@
 """The command `motion/process`: recorded motions in, clips and reports out."""
 
 import argparse
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,17 +10,20 @@ from core.arguments import ArgumentParser, number_argument, path_argument, posit
 from core.command import DONE, FAILED, guarded
 from core.errors import InputError
 from core.processes import available_cores
-from motion.cli.dataset import done_already, files_in, write_manifest
+from motion.cli.dataset import done_already, files_in, read_manifest, write_manifest
 from motion.cli.folder import REPORT_HTML, REPORT_JSON, check_folder, write_folder
 from motion.cli.parallel import run_all
 from motion.clip import clip_to_bytes
+from motion.clip_set import MANIFEST
 from motion.human.bvh import UNITS_M
 from motion.human.placing import UPRIGHT_WXYZ
+from motion.library import CLIPS, bundled_names
 from motion.pipeline import ProcessRequest, process
 from motion.report.page import report_page
 from motion.report.record import TRACKABLE, document, json_text
 
 DEFAULT_FOLDER = Path("motions")
+MAX_NAME_BYTES = 200  # file systems take 255; endings and the marks of unfinished files come on top
 
 
 @dataclass(frozen=True)
@@ -71,9 +75,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if folders:
         return _process_folder(options, folders)
     if options.licence is not None:
-        raise InputError("no manifest to write it into", where="--licence", expected="a folder as --input")
-    jobs = jobs_of(options, [(path, options.name or path.stem) for path in options.input])
-    return max(run_all(_work, jobs, _workers(options, jobs)))
+        raise InputError("is said of a folder's motions", where="--licence", expected="a folder as --input")
+    given = options.name
+    jobs = jobs_of(options, [(path, path.stem if given is None else given) for path in options.input])
+    return _run(options, jobs, jobs[0].folder.parent)[0]
+
+
+def _run(options: argparse.Namespace, jobs: Sequence[Job], parent: Path) -> tuple[int, int]:
+    """The worst exit code, and how many became clips that can be followed; the manifest in `parent` lists them, too.
+
+    A folder that was named for one result is not made a set of clips by it.
+    """
+    read_manifest(parent)
+    codes = run_all(_work, jobs, _workers(options, jobs))
+    is_set = jobs[0].makes_parent or (parent / MANIFEST).is_file()
+    if not is_set or all(code not in (DONE, FAILED) for code in codes) or not parent.is_dir():
+        return max(codes), 0
+    return max(codes), write_manifest(parent, [job.request.name for job in jobs], options.licence or "")
 
 
 def _process_folder(options: argparse.Namespace, folders: Sequence[Path]) -> int:
@@ -84,10 +102,12 @@ def _process_folder(options: argparse.Namespace, folders: Sequence[Path]) -> int
     if output.resolve().is_relative_to(folders[0].resolve()):
         raise InputError("results among the inputs", where="--output", got=output, expected="a folder outside --input")
     jobs = [replace(job, keeps=True) for job in jobs_of(options, files_in(folders[0]))]
-    codes = run_all(_work, jobs, _workers(options, jobs))
-    manifest, number = write_manifest(output, [job.request.name for job in jobs], options.licence or "")
-    print(f"{manifest}: {number} of {len(jobs)} clips are trackable")
-    return max(codes)
+    code, number = _run(options, jobs, output)
+    if (output / MANIFEST).is_file():
+        print(f"{output / MANIFEST}: {number} of {len(jobs)} clips are trackable")
+    else:
+        print(f"{output}: no clip is trackable, see the report.html of each")
+    return code
 
 
 def _workers(options: argparse.Namespace, jobs: Sequence[Job]) -> int:
@@ -96,12 +116,16 @@ def _workers(options: argparse.Namespace, jobs: Sequence[Job]) -> int:
 
 def jobs_of(options: argparse.Namespace, inputs: Sequence[tuple[Path, str]]) -> list[Job]:
     """One job an input with its name. Raises InputError on options that contradict each other."""
-    names = [checked_name(name) for _, name in inputs]
+    names = [checked_name(name, path if options.name is None else "--name") for path, name in inputs]
     if options.name is not None and len(names) > 1:
         raise InputError("one name for several inputs", where="--name", got=options.name, expected="no --name")
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         hint = "rename one of the files, or process them one by one with --name"
         raise InputError("inputs of one name", where="--input", got=", ".join(repeated), hint=hint)
+    for path, name in inputs:
+        if str(path) in bundled_names() and not path.exists():
+            hint = f"for the clip that comes with kata: --input {CLIPS / path}.npz --name {name}"
+            raise InputError("no such file", where="--input", got=path, hint=hint)
     start_s = options.start or 0.0
     if options.end is not None and options.end <= start_s:
         raise InputError("nothing is left", where="--end", got=options.end, expected=f"more than {start_s:g} s")
@@ -113,10 +137,13 @@ def jobs_of(options: argparse.Namespace, inputs: Sequence[tuple[Path, str]]) -> 
     ]
 
 
-def checked_name(name: str) -> str:
-    """`name`, if files can be called so. Raises InputError."""
-    if Path(name).name != name or name.startswith((".", "-")) or not name.isprintable():
-        raise InputError("cannot be a clip's name", where="--name", got=repr(name), expected="a plain file name")
+def checked_name(name: str, where: object) -> str:
+    """`name`, if files can be called so. Raises InputError, saying `where` it comes from."""
+    if not name or Path(name).name != name or name.startswith((".", "-")) or not name.isprintable():
+        raise InputError("cannot be a clip's name", where=where, got=repr(name), expected="a plain file name")
+    if (size := len(os.fsencode(name))) > MAX_NAME_BYTES:
+        expected = f"at most {MAX_NAME_BYTES}"
+        raise InputError("too long for a clip's name", where=where, got=f"{size} bytes", expected=expected)
     return name
 
 

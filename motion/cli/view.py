@@ -8,7 +8,7 @@ from pathlib import Path
 
 from core.arguments import ArgumentParser, path_argument, positive_argument
 from core.command import guarded
-from core.files import check_output_kind
+from core.files import check_output_file, check_output_kind
 from motion.cli.serving import serve
 from motion.clip import Clip
 from motion.library import open_motion
@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory())) if options.web else Path()
             video = folder / f"{name}.mp4"
         check_output_kind(video, (".mp4",))
+        check_output_file("--video", video)
         robot = load_robot(options.robot)
         clip = open_motion(options.clip, robot, csv_fps=options.fps)
         film(clip, robot, video, _progress)

@@ -7,7 +7,8 @@ import pytest
 
 from core.errors import InputError
 from motion.clip import save_clip
-from motion.clip_set import open_clip_set
+from motion.clip_set import open_clip_set, open_clips
+from robot.robot import load_robot
 from tests.train.worlds import g1, swaying_clip
 
 ROBOT = g1()
@@ -30,6 +31,19 @@ def manifest(folder: Path, text: str) -> Path:
 def test_a_folder_is_all_its_clips_by_name(folder):
     found = open_clip_set(folder, ROBOT)
     assert [(one.name, round(one.clip.duration_s, 3)) for one in found] == [("brief", 0.4), ("long", 1.0)]
+
+
+def test_endings_in_capitals_count_and_hidden_files_do_not(folder):
+    (folder / "long.npz").rename(folder / "LONG.NPZ")
+    (folder / "._brief.npz").write_bytes(b"what macOS leaves")
+    assert [one.name for one in open_clip_set(folder, ROBOT)] == ["LONG", "brief"]
+
+
+def test_a_bundled_name_is_the_clip_whatever_lies_in_the_working_directory(folder, monkeypatch):
+    (folder / "taichi").mkdir()
+    (folder / "brief.npz").rename(folder / "taichi" / "brief.npz")
+    monkeypatch.chdir(folder)
+    assert [one.name for one in open_clips(["taichi", "./taichi"], load_robot())] == ["taichi", "brief"]
 
 
 def test_a_manifest_names_clips_of_each_split_with_their_labels(folder):

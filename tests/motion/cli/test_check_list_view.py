@@ -42,6 +42,12 @@ def test_a_foreign_clip_that_slides_is_warned_of_and_not_refused(standing_clip, 
     assert re.search(r"^slides.npz: warning: a standing foot slides 150.0 mm \(at most 20\)$", told, re.MULTILINE)
 
 
+def test_a_clip_that_is_too_short_is_named_by_its_file(standing_clip, capsys):
+    save_clip(standing_clip(2, fps=1000.0, source="what its source says"), "short.npz")
+    assert check.main(["short.npz"]) == 2
+    assert capsys.readouterr().err.startswith("error: short.npz: bad length, got 0.001 s")
+
+
 def test_collisions_are_told_by_pair(standing_clip, robot, capsys):
     joints = np.tile(robot.default_pos_rad, (31, 1))
     joints[:, robot.joint_names.index("left_shoulder_roll_joint")] = -1.0  # the arm in the body
@@ -80,12 +86,14 @@ def test_a_clip_as_a_video(standing_clip, tmp_path, capsys):
         (["taichi", "--video", "no/a.mp4"], "no such folder"),
         (["nobody"], "no such clip"),
         (["taichi", "--fps", "-1"], "finite number"),
+        (["taichi", "--video", "folder.mp4"], "--video folder.mp4: is a folder"),
     ],
 )
 def test_what_cannot_be_viewed(options, message, capsys, tmp_path):
+    (tmp_path / "folder.mp4").mkdir()
     assert view.main(options) == 2
     assert message in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.mp4"]
 
 
 def test_the_page_of_a_clip_holds_the_video_and_the_plots(standing_clip, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """Results appear whole, and take the place of results only."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -58,6 +59,17 @@ def test_a_file_or_a_missing_parent_is_refused(tmp_path):
         check_folder(tmp_path / "a" / "b" / "c", makes_parent=True)
     write_folder(tmp_path / "a" / "b", FILES, makes_parent=True)
     assert held(tmp_path / "a" / "b") == FILES
+
+
+def test_neither_the_working_directory_nor_a_mount_point_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in (tmp_path, Path()):
+        with pytest.raises(InputError, match="cannot be replaced, got the working directory; name a folder in it"):
+            check_folder(folder)
+    monkeypatch.setattr(Path, "is_mount", lambda path: path.name == "disk")
+    (tmp_path / "disk").mkdir()
+    with pytest.raises(InputError, match="disk: cannot be replaced, got a mount point; name a folder in it"):
+        check_folder(tmp_path / "disk")
 
 
 def test_what_fails_half_way_leaves_the_old_result(tmp_path):

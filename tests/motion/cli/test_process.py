@@ -3,14 +3,17 @@
 import hashlib
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from motion import pipeline
 from motion.cli.process import main
 from motion.clip import load_clip, save_clip
 from motion.clip_set import open_clip_set
+from motion.library import CLIPS
 from motion.report.record import CREATED_BY
 from robot.robot import load_robot
 
@@ -81,9 +84,14 @@ def test_a_motion_that_cannot_be_followed(standing_clip, tmp_path, no_page, caps
         ("clip", ["--fps", "1e9"], "out of range"),
         ("clip", ["--start", "99"], "times outside the motion"),
         ("clip", ["--start", "2", "--end", "1"], "nothing is left"),
-        ("clip", ["--loop"], "too short to loop"),
+        ("clip", ["--loop"], "given.npz: too short to loop"),
         ("clip", ["--name", "a/b"], "cannot be a clip's name"),
         ("clip", ["--name", ".."], "cannot be a clip's name"),
+        ("clip", ["--name", ""], "--name: cannot be a clip's name, got ''"),
+        ("clip", ["--name", "é" * 101], "--name: too long for a clip's name, got 202 bytes, expected at most 200"),
+        ("clip", ["--unit", "cm", "--up", "z"], "given.npz: kata clip has no use for --unit, --up; leave it out"),
+        ("clip", ["--skeleton", "none.yaml"], "given.npz: kata clip has no use for --skeleton"),
+        ("clip", ["--start", "1", "--end", "1.01"], "given.npz: too few frames"),
         ("clip", ["--robot", "nobody"], "unknown robot"),
         ("clip", ["--output", "no/such"], "no such folder"),
         ("clip", ["--output", "."], "folder is in use"),
@@ -117,7 +125,8 @@ def test_one_bad_input_of_several_stops_nobody(standing_clip, tmp_path, capfd):
     save_clip(standing_clip(), "good.npz")
     (tmp_path / "bad.csv").write_text("hello")
     assert main(["--input", "bad.csv", "good.npz", "--input", "missing.bvh", "--jobs", "2", "--output", "out"]) == 2
-    assert held(tmp_path / "out") == ["good", "good/good.npz", "good/report.html", "good/report.json"]
+    results = ["good", "good/good.npz", "good/report.html", "good/report.json"]
+    assert held(tmp_path / "out") == ["clips.yaml", *results]
     told = capfd.readouterr()
     assert told.err.count("error: ") == 2 and "good: trackable" in told.out
 
@@ -188,11 +197,15 @@ def test_a_folder_that_was_left_half_done_goes_on(recordings, tmp_path, no_page,
         (["--input", "all", "all/a.npz"], "a folder with other inputs, or a name"),
         (["--input", "all", "--name", "x"], "a folder with other inputs, or a name"),
         (["--input", "empty"], "no motion file"),
-        (["--input", "all/a.npz", "--licence", "mine"], "no manifest to write it into"),
+        (["--input", "all/a.npz", "--licence", "mine"], "--licence: is said of a folder's motions"),
+        (["--input", "odd"], "odd/-a.npz: cannot be a clip's name"),
+        (["--input", "stand"], f"--input: no such file, got stand; for the clip that comes with kata: --input {CLIPS}"),
     ],
 )
 def test_folders_that_are_no_use_are_refused(recordings, tmp_path, options, said, capsys):
     (tmp_path / "empty").mkdir()
+    (tmp_path / "odd").mkdir()
+    shutil.copy(recordings / "a.npz", tmp_path / "odd" / "-a.npz")
     before = held(tmp_path)
     assert main(options) == 2
     assert said in capsys.readouterr().err and held(tmp_path) == before
@@ -201,5 +214,59 @@ def test_folders_that_are_no_use_are_refused(recordings, tmp_path, options, said
 def test_a_folder_without_a_trackable_motion_has_no_manifest(standing_clip, tmp_path, no_page, capsys):
     (tmp_path / "all").mkdir()
     save_clip(floating(standing_clip), tmp_path / "all" / "high.npz")
-    assert main(["--input", "all", "--output", "set"]) == 2
-    assert "no clip is trackable" in capsys.readouterr().err and not (tmp_path / "set" / "clips.yaml").exists()
+    assert main(["--input", "all", "--output", "set"]) == 1
+    assert capsys.readouterr().out.endswith("set: no clip is trackable, see the report.html of each\n")
+    assert not (tmp_path / "set" / "clips.yaml").exists()
+
+
+def listed(manifest):
+    return {Path(clip["file"]).stem: clip for clip in yaml.safe_load(manifest.read_text())["clips"]}
+
+
+def test_the_manifest_lists_every_result_that_lies_beside_it(recordings, standing_clip, tmp_path, no_page, here):
+    """Of one file, of several, and of two folders; what a person wrote into it stays."""
+    manifest = tmp_path / "motions" / "clips.yaml"
+    shutil.copy(recordings / "a.npz", tmp_path / "one.npz")
+    assert main(["--input", "one.npz"]) == 0 and list(listed(manifest)) == ["one"]
+    assert [clip.name for clip in open_clip_set("motions", load_robot())] == ["one"]
+    assert main(["--input", "all", "--licence", "CC0"]) == 1 and list(listed(manifest)) == ["a", "deep_a", "one"]
+    manifest.write_text(manifest.read_text() + "  split: test\n- file: /elsewhere/b.npz\n- file: ../one.npz\n")
+    manifest.write_text(manifest.read_text().replace("../one", "../all/deep/high"))
+    (tmp_path / "more").mkdir()
+    shutil.copy(recordings / "a.npz", tmp_path / "more" / "c.npz")
+    assert main(["--input", "more", "--licence", "CC BY 4.0"]) == 0
+    assert {name: clip.get("licence") for name, clip in listed(manifest).items()} == {
+        "a": "CC0", "c": "CC BY 4.0", "deep_a": "CC0", "high": None, "one": None,
+    }  # fmt: skip
+    assert listed(manifest)["one"]["split"] == "test"
+    assert main(["--input", "one.npz", "--mirror", "--output", "motions/one"]) == 0
+    content = (tmp_path / "motions" / "one" / "one.npz").read_bytes()
+    assert listed(manifest)["one"]["sha256"] == hashlib.sha256(content).hexdigest()
+    save_clip(floating(standing_clip), tmp_path / "more" / "c.npz")
+    assert main(["--input", "more"]) == 1 and "c" not in listed(manifest)
+    for name in ("a", "deep_a", "one"):
+        shutil.rmtree(tmp_path / "motions" / name)
+    manifest.write_text("clips:\n- file: a/a.npz\n")
+    assert main(["--input", "more"]) == 1 and not manifest.exists()
+
+
+def test_capital_endings_are_read_and_hidden_files_are_not(recordings, tmp_path, no_page, here):
+    (recordings / "a.npz").rename(recordings / "A.NPZ")
+    (recordings / "._b.npz").write_bytes(b"what macOS leaves")
+    (recordings / ".cache").mkdir()
+    (recordings / ".cache" / "c.npz").write_bytes(b"not meant")
+    assert main(["--input", "all", "--output", "set"]) == 1
+    assert list(listed(tmp_path / "set" / "clips.yaml")) == ["A", "deep_a"]
+
+
+def test_another_skeleton_or_body_model_is_another_setting(tmp_path):
+    (tmp_path / "my.yaml").write_text("first")
+    (tmp_path / "models" / "smplx").mkdir(parents=True)
+    request = pipeline.ProcessRequest(
+        Path("a.bvh"), "a", skeleton=tmp_path / "my.yaml", body_models=tmp_path / "models"
+    )
+    found = [request.settings_sha256()]
+    for path in ("my.yaml", "models/smplx/SMPLX_NEUTRAL.npz"):
+        (tmp_path / path).write_text("another")
+        found.append(request.settings_sha256())
+    assert len(set(found)) == 3 and request.settings_sha256() == found[-1]
