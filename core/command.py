@@ -8,11 +8,11 @@ from typing import ParamSpec
 from core.errors import InputError
 
 P = ParamSpec("P")
-DONE, FAILED, BAD_INPUT = 0, 1, 2
+DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
 
 def guarded(main: Callable[P, int]) -> Callable[P, int]:
-    """`main` with exit codes for errors: 2 for what a user can cause, 1 for what the machine refuses, 0 on Ctrl-C.
+    """`main` with exit codes for errors: 2 for what a user can cause, 1 for what the machine refuses, 130 on Ctrl-C.
 
     Each is one line on standard error.
     """
@@ -29,6 +29,6 @@ def guarded(main: Callable[P, int]) -> Callable[P, int]:
             return FAILED
         except KeyboardInterrupt:
             print("stopped before the end", file=sys.stderr)
-            return DONE
+            return STOPPED
 
     return run

@@ -13,7 +13,7 @@ from core.errors import InputError
 from deploy.onboard.computer import Computer, Row, Wanted
 from hal.realtime import no_garbage_collection, realtime
 
-FIT, BAD_INPUT, NOT_FIT = 0, 2, 4
+FIT, BAD_INPUT, NOT_FIT, STOPPED = 0, 2, 4, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows.append(wake_up(late_us(given.seconds or wanted.wake_up_s, wanted.wake_up_period_s), wanted))
     except KeyboardInterrupt:
         print("stopped before the end", file=sys.stderr)
-        return FIT
+        return STOPPED
     print("\n".join(lines(rows)), flush=True)
     return FIT if all(row.good for row in rows) else NOT_FIT
 

@@ -11,7 +11,7 @@ from core.errors import InputError
     [
         (InputError("no such clip", got="x"), 2, "error: no such clip, got x\n"),
         (OSError("disk full"), 1, "error: disk full\n"),
-        (KeyboardInterrupt(), 0, "stopped before the end\n"),
+        (KeyboardInterrupt(), 130, "stopped before the end\n"),
     ],
 )
 def test_an_error_is_an_exit_code_and_one_line(error, code, said, capsys):

@@ -116,13 +116,14 @@ def test_a_command_outside_the_environment_says_what_to_do(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in RUN_BY_PEOPLE if name != "deploy/doctor"])  # loads nothing large
-def test_ctrl_c_while_modules_load_is_an_orderly_stop(name: str, tmp_path: Path) -> None:
+def test_ctrl_c_while_modules_load_ends_at_once(name: str, tmp_path: Path) -> None:
     interrupted = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
     (tmp_path / "mujoco.py").write_text(interrupted)
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     command = [sys.executable, "-P", name]
     result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stdout) == (0, "")
+    runs_until_told = name in ("deploy/run", "train/run.py")
+    assert (result.returncode, result.stdout) == (0 if runs_until_told else 130, "")
     assert result.stderr == "stopped before anything began\n"
 
 
