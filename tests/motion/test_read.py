@@ -80,6 +80,20 @@ def test_a_given_rate_counts(robot, files, tmp_path, kind):
             read_motion(tmp_path / "a", robot=robot, fps=fps)
 
 
+@pytest.mark.parametrize(
+    ("kind", "options", "unused"),
+    [
+        (Format.BVH, {"body_models": Path("none")}, "BVH has no use for --body-models"),
+        (Format.AMASS, {"skeleton": Path("none.yaml"), "unit": "cm"}, "AMASS motion has no use for --skeleton, --unit"),
+        (Format.CSV, {"up": "y"}, "CSV of robot joints has no use for --up"),
+    ],
+)
+def test_an_option_for_which_the_format_has_no_use_is_refused(robot, files, tmp_path, kind, options, unused):
+    (tmp_path / "a").write_bytes(files[kind])
+    with pytest.raises(InputError, match=f"a: {unused}; leave it out"):
+        read_motion(tmp_path / "a", robot=robot, **options)
+
+
 OLD_TORCH = b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M\xe9\x03."
 MISLABELLED = {
     **{"a.bvh": PNG, "b.bvh": b"\x93\xff\xfa", "c.bvh": b"1,2,3\n", "empty.bvh": b"", "clip.bvh": b"PK\x03\x04"},
