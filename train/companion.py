@@ -51,4 +51,5 @@ def read_companion(path: Path, actor_sha256: str) -> dict[str, dict[str, Tensor]
 
 
 def _stored(value: Tensor) -> np.ndarray:
+    value = value.cpu()
     return value.half().numpy() if value.numel() >= LEAST else value.numpy()
