@@ -9,7 +9,7 @@ import os
 import resource
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PRIORITY = 50
@@ -60,11 +60,12 @@ def schedule(priority: int = PRIORITY, *, inherited: bool = False) -> str:
 
 
 def _schedule_as(policy: int, priority: os.sched_param) -> None:
-    """Back to an earlier scheduling. Who has SCHED_FIFO by a limit alone may not take SCHED_RESET_ON_FORK back."""
-    try:
-        os.sched_setscheduler(0, policy, priority)
-    except PermissionError:
-        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
+    """Back to an earlier scheduling as far as it is permitted: who has SCHED_FIFO by a limit alone may not take
+    SCHED_RESET_ON_FORK back."""
+    for wanted in (policy, policy | os.SCHED_RESET_ON_FORK):
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, wanted, priority)
+            return
 
 
 def lock_memory() -> str:

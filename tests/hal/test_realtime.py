@@ -27,6 +27,7 @@ def test_who_has_it_by_a_limit_alone_leaves_without_an_error():
     code = """
 import os
 from hal.realtime import realtime
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 said = []
 with realtime(said.append):
     os.setuid(65534)
