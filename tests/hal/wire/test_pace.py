@@ -78,7 +78,7 @@ def test_loop_wire_and_robot_are_slowed_alike(wire: str, running: Emulators) -> 
         hold = JointCommand(state.joint_pos_rad, zero, 0.1 * rig.robot.kp, rig.robot.damping_kd, zero)
         until_s = backend.clock.now_s() + 20.0
         while set(status()["mode"].values()) != {"driven"}:
-            assert backend.clock.now_s() < until_s
+            assert backend.clock.now_s() < until_s, backend.read().faults
             backend.write(hold)
             backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
         backend._set_pace(factor)
