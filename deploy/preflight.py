@@ -147,7 +147,8 @@ def _check_faults(states: Sequence[RobotState]) -> Check:
 
 def _check_finite(states: Sequence[RobotState]) -> Check:
     last = states[-1]
-    values = (last.joint_pos_rad, last.joint_vel_rad_s, last.imu_quat_wxyz, last.imu_ang_vel_b, last.imu_acc_b)
+    joints = (last.joint_pos_rad, last.joint_vel_rad_s, last.joint_torque_nm)
+    values = (*joints, last.imu_quat_wxyz, last.imu_ang_vel_b, last.imu_acc_b)
     finite = all(bool(np.isfinite(value).all()) for value in values)
     unit = abs(float(np.linalg.norm(last.imu_quat_wxyz)) - 1.0) < 1e-3
     found = ("finite" if finite else "not finite") + ("" if unit else ", the quaternion is no rotation")

@@ -94,8 +94,8 @@ class Tick:
             machine.request(Request.FINISH, state)
             self.cut_short = self.cut_short or guard.urgent
             return guard.urgent
-        if guard.warning is not None and machine.mode is Mode.TRACKING:
-            machine.request(Request.HOLD, state)
+        warned = guard.warning is not None and machine.mode is Mode.TRACKING
+        if warned and machine.request(Request.HOLD, state) is None:
             self.cut_short = self.cut_short or guard.warning
         return None
 

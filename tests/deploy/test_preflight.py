@@ -70,6 +70,7 @@ UNFIT = [
     (state(imu_acc_b=np.array([0.0, 0.0, 8.7])), "acceleration at rest: 8.70"),
     (with_joint("joint_age_s", 0.05), "state age: at most 50.0 ms"),
     (with_joint("joint_pos_rad", np.nan), "numbers: not finite"),
+    (with_joint("joint_torque_nm", np.nan), "numbers: not finite"),
     (state(imu_quat_wxyz=np.zeros(4)), "numbers: finite, the quaternion is no rotation"),
 ]
 

@@ -76,3 +76,12 @@ def test_a_battery_never_damps_what_it_cannot_lower(tmp_path):
     tick = Tick(machine, Guard(ROBOT, settings, PERIOD_S))
     results = [tick(state(time_s=now * PERIOD_S, charge=0.0)) for now in range(10 * SECOND)]
     assert results[-1].mode is Mode.READY and results[-1].warning is not None
+
+
+def test_what_cannot_end_in_hold_is_not_called_cut_short(tmp_path):
+    """Without a stand actor the clip goes on to its end, whatever the battery says."""
+    machine = StateMachine(ROBOT, None, [linear_run(tmp_path, name="clip", seconds=60.0)], SETTINGS, PERIOD_S)
+    machine.start_tracking()
+    tick = Tick(machine, Guard(ROBOT, SETTINGS, PERIOD_S))
+    results = [tick(state(time_s=now * PERIOD_S, charge=0.15)) for now in range(10 * SECOND)]
+    assert results[-1].mode is Mode.TRACKING and results[-1].warning is not None and tick.cut_short is None
