@@ -2,7 +2,8 @@
 """What single ideas are worth in equal short trainings of one clip.
 
 pbhc: tolerances, the contact mask, a value head per term, in the paper's preset with fewer robots. world_model: how far
-imagination looks, critic, running average, means and noise, in a training from nothing.
+imagination looks, critic, running average, starts, noise and what benchmarks/changed_training.py changes, in a training
+from nothing.
 
 Each variant is trained with every seed; then all actors meet the same simulations: --episodes nominal ones with noisy
 starts, and as many with everything randomised. A cell holds one figure a seed. What is trained already is not trained
@@ -26,12 +27,18 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Family:
-    """Trainings that differ in one idea each: settings that all share, those of each variant, cores of one training."""
+    """Trainings that differ in one idea each: settings that all share, those of each variant, cores of one training.
+
+    A variant's settings follow the name of a change of benchmarks/changed_training.py, where there is one.
+    """
 
     common: tuple[str, ...]
     variants: dict[str, tuple[str, ...]]
     cores: int
     iterations: int
+
+
+CHANGES = ("no_context", "previous_targets", "plain_targets", "adaptive_tolerance")
 
 
 FAMILIES = {
@@ -60,6 +67,7 @@ FAMILIES = {
             "no_reference_starts": ("world_model.starts.reference_share=0.0",),
             "no_action_noise": ("world_model.imagination.noise_rad=0.0",),
             "single_steps": ("world_model.fitting.window_updates=1", "world_model.fitting.single_updates=3"),
+            **{change: (change,) for change in CHANGES},
         },
         cores=2,
         iterations=300,
@@ -69,10 +77,10 @@ Key = tuple[str, int]  # variant, seed
 COLUMNS = {"falls": 0, "empbpe_mm": 1, "eg_mpbpe_mm": 1, "empjpe_mrad": 0}  # and their decimals
 
 
-def train(run: Path, settings: list[str]) -> Path:
+def train(run: Path, program: str, settings: list[str]) -> Path:
     """Train into the folder ``run`` unless that is done; return the actor."""
     if not (run / SUMMARY_FILE).is_file():
-        command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *settings, f"run_dir={run}"]
+        command = [sys.executable, "-P", str(ROOT / program), *settings, f"run_dir={run}"]
         with run.with_suffix(".log").open("w") as log:
             subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=True)
     return run / ACTOR_FILE
@@ -86,7 +94,9 @@ def train_all(
 
     def one(key: Key) -> Path:
         run = folder / f"{key[0]}_{key[1]}"
-        actor = train(run, [*common, *family.variants[key[0]], f"seed={key[1]}"])
+        own = family.variants[key[0]]
+        program = "benchmarks/changed_training.py" if {*own} & {*CHANGES} else "train/run.py"
+        actor = train(run, program, [*own, *common, f"seed={key[1]}"])
         print(f"trained: {run}", flush=True)
         return actor
 

@@ -61,7 +61,7 @@ from train.world_model.learner import WorldModelLearner
 from train.world_model.policy_learning import PolicyLearning
 from train.world_model.starts import Starts
 
-BRIEF = [f"world_model.fitting.warm_up_{name}" for name in ("steps=30000", "single=20", "window=20")]
+BRIEF = [f"world_model.fitting.warm_up_{name}" for name in ("steps=40000", "single=20", "window=20")]
 ACTION_NOISE = 0.1  # standard deviation of the random actions, raw
 
 PHASES: dict[str, tuple[tuple[type, str], ...]] = {

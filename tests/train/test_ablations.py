@@ -1,6 +1,5 @@
 """benchmarks/ablations.py without its trainings: what the variants are, what is trained again, what a cell says."""
 
-import importlib.util
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,18 +7,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.train.programs import load
 from train.config import check, compose_document
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "ablations.py"
+ROOT = Path(__file__).parents[2]
+BENCHMARK = ROOT / "benchmarks" / "ablations.py"
 
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = importlib.util.spec_from_file_location("ablations", BENCHMARK)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look for their module
-    spec.loader.exec_module(module)
-    return module
+    return load("ablations")
 
 
 @pytest.fixture
@@ -88,6 +85,17 @@ def test_what_is_trained_is_kept(benchmark, tmp_path, monkeypatch):
     assert all("iterations=7" in command for _, command in commands)
     benchmark.train_all(family, ["adaptive", "coarse"], [1, 2], "stand", 7, tmp_path)
     assert len(commands) == 4
+
+
+def test_what_no_setting_changes_is_trained_by_the_program_that_does(benchmark, tmp_path, monkeypatch):
+    commands = []
+    monkeypatch.setattr(benchmark.subprocess, "run", lambda command, **_: commands.append(command))
+    benchmark.train_all(benchmark.FAMILIES["world_model"], ["no_critic", "no_context"], [1], "stand", 7, tmp_path)
+    settings, changed = sorted(commands, key=lambda command: "no_context" in command)
+    assert settings[2] == str(ROOT / "train" / "run.py")
+    assert changed[2:4] == [str(ROOT / "benchmarks" / "changed_training.py"), "no_context"]
+    assert settings[3] == "world_model.critic.counts_from=null" and settings[4:-1] == changed[4:-1]
+    assert set(benchmark.CHANGES) == set(load("changed_training").CHANGES)
 
 
 def test_a_cell_holds_a_figure_a_seed(benchmark):

@@ -1,19 +1,18 @@
 """benchmarks/train_throughput.py as people start it."""
 
-import importlib.util
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.train.programs import BENCHMARKS, load
 from tests.train.world_model.small import SMALL
-from train.config import compose_document
+from train.config import check, compose_document
 from train.setup import new_setup
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "train_throughput.py"
+BENCHMARK = BENCHMARKS / "train_throughput.py"
 
 
 def test_a_short_measurement_makes_sense(tmp_path):
@@ -39,10 +38,7 @@ def test_a_short_measurement_makes_sense(tmp_path):
 
 @pytest.fixture(scope="module")
 def benchmark():
-    spec = importlib.util.spec_from_file_location("train_throughput", BENCHMARK)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("train_throughput")
 
 
 @pytest.mark.parametrize(
@@ -76,3 +72,8 @@ def test_rounds_through_a_world_model_are_timed_part_by_part(benchmark, tmp_path
     assert min(share for part, share in shares.items() if part != "rest") > 0.0
     benchmark.print_rounds(figures)
     assert "imagined steps" in capsys.readouterr().out
+
+
+def test_the_short_warming_up_suffices_for_as_many_robots_as_the_preset_has(benchmark):
+    config = check(compose_document(["motion=stand", "train=tracker", "run_dir=runs/none", *benchmark.BRIEF]))
+    assert config.num_envs == 512 and config.world_model.fitting.warm_up_single == 20

@@ -19,7 +19,7 @@ from train.world_model.context import Context, context_of
 from train.world_model.cost import Imagined
 from train.world_model.history import History
 from train.world_model.model import WorldModel
-from train.world_model.policy import BoundedResidual, Layout
+from train.world_model.policy import BoundedResidual, Layout, carrying_targets
 from train.world_model.settings import ImaginationSettings
 from train.world_model.starts import Start
 from train.world_model.state import Motion, reference_motion
@@ -92,7 +92,7 @@ class Imagination:
         clip, tick = start.clip.repeat(steps + 1, 1), start.tick + torch.arange(steps + 1, device=on)[:, None]
         ahead = self._look_ahead(clip, tick, start.goal)
         encoded_ahead = policy.network.encode(ahead[:-1].flatten(0, 1)).unflatten(0, ahead[:-1].shape[:2]).unbind(0)
-        carrying = ((ahead[..., self._base[0]] + ahead[..., self._base[1]]) / self._action_scale).unbind(0)
+        carrying = (carrying_targets(*(ahead[..., part] for part in self._base)) / self._action_scale).unbind(0)
         compared_with = self._windows(clip, tick, start.goal, self._ticks[self._compared])
         noise = self._action_noise(len(start.clip)) if noisy else [torch.zeros((), device=on)] * steps
         context = context_of(start.context, self._joints)

@@ -79,6 +79,11 @@ COMPARED = (
 )  # fmt: skip
 
 
+def carrying_targets(reference: Tensor, feedforward: Tensor) -> Tensor:
+    """The targets (..., J) that carry the reference: where it is, and what its motors' torques need beyond."""
+    return reference + feedforward
+
+
 class CarryingTargets(nn.Module):
     """The raw action whose targets carry the reference."""
 
@@ -89,7 +94,7 @@ class CarryingTargets(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """Action (B, J) of observations (B, Da)."""
-        targets = observation[..., self._reference] + observation[..., self._feedforward]
+        targets = carrying_targets(observation[..., self._reference], observation[..., self._feedforward])
         return targets / self._action_scale
 
 
