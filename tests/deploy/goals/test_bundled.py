@@ -5,7 +5,7 @@ from tests.deploy.goals.test_runs import played
 
 
 def test_the_bundled_actor_walks_a_square_stops_and_plays_two_clips(capsys):
-    """What came before a clip leaves its errors what they are from standing: within a fifth."""
+    """What came before a clip changes its errors from standing by three tenths at most."""
     common = ["--backend", "mujoco", "--policy", "goals", "--fast", "--goal"]
     report, said = played([*common, f"script:{CONFIGS / 'goals' / 'square_and_clips.yaml'}"], capsys)
     assert report.outcome == "completed" and report.content["fell"] is False
@@ -16,4 +16,4 @@ def test_the_bundled_actor_walks_a_square_stops_and_plays_two_clips(capsys):
     assert list(clips) == ["horse_stance_punch", "side_kick"]
     alone, _ = played([*common, "clip:side_kick"], capsys)
     for name in ("empjpe_mrad", "empbpe_mm"):
-        assert abs(clips["side_kick"][name]["mean"] / alone.content["metrics"][name]["mean"] - 1.0) < 0.2
+        assert abs(clips["side_kick"][name]["mean"] / alone.content["metrics"][name]["mean"] - 1.0) < 0.3

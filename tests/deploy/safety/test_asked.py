@@ -116,7 +116,7 @@ def test_a_bundled_actor_still_trips_when_its_base_is_pushed_over():
     with MujocoBackend(ROBOT, clock, load_sim_options("default"), gantry=False, scene=actor.scene) as backend:
         place_at_reference(backend, actor, 0.0, np.random.default_rng(0))
         plan = cell.start_tracking()
-        backend.data.qvel[3:6] = (0.0, 7.0, 0.0)
+        backend.data.qvel[3:6] = (0.0, 9.0, 0.0)
         cell.loop(backend, clock, plan=plan, duration_s=2.0).run()
         assert cell.machine.fault is not None and cell.machine.fault.rule in ("tilt", "base_rate")
         assert backend.data.qpos[2] > 0.45
