@@ -1,9 +1,7 @@
 """benchmarks/tracker_protocol.py: BeyondMimic's rewards by hand, and a robot that cannot follow."""
 
-import importlib.util
 import json
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,17 +10,14 @@ import torch
 from core.rotations import quat_from_axis_angle, quat_mul, quat_rotate
 from motion.clip import save_clip
 from tests.sim2sim.toys import standing_clip, write_still_actor
+from tests.train.programs import load
 
-PATH = Path(__file__).parents[2] / "benchmarks" / "tracker_protocol.py"
 UP = torch.tensor([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
 def protocol():
-    spec = importlib.util.spec_from_file_location("tracker_protocol", PATH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("tracker_protocol")
 
 
 def outcome(turn_rad=0.0, shift=(0.0, 0.0, 0.0), speed=0.0):
