@@ -95,7 +95,7 @@ def newest(run_dir):
     ("told", "message"),
     [
         ("teacher=nosuch", "no such actor"),
-        ("teacher=taichi", "sees something else"),
+        ("teacher=goals", "sees something else"),
         ("teacher=.", "teacher: no checkpoint in it"),
     ],
 )
