@@ -5,7 +5,7 @@ from tests.deploy.goals.test_runs import played
 
 
 def test_the_bundled_actor_walks_a_square_stops_and_plays_two_clips(capsys):
-    """What came before a clip changes its errors from standing by three tenths at most."""
+    """What came before a clip leaves its joint errors what they are from standing, within a fifth; bodies near."""
     common = ["--backend", "mujoco", "--policy", "goals", "--fast", "--goal"]
     report, said = played([*common, f"script:{CONFIGS / 'goals' / 'square_and_clips.yaml'}"], capsys)
     assert report.outcome == "completed" and report.content["fell"] is False
@@ -15,5 +15,6 @@ def test_the_bundled_actor_walks_a_square_stops_and_plays_two_clips(capsys):
     clips = {clip["motion"]: clip["metrics"] for clip in report.content["clips"]}
     assert list(clips) == ["horse_stance_punch", "side_kick"]
     alone, _ = played([*common, "clip:side_kick"], capsys)
-    for name in ("empjpe_mrad", "empbpe_mm"):
-        assert abs(clips["side_kick"][name]["mean"] / alone.content["metrics"][name]["mean"] - 1.0) < 0.3
+    after, standing = clips["side_kick"], alone.content["metrics"]
+    assert abs(after["empjpe_mrad"]["mean"] / standing["empjpe_mrad"]["mean"] - 1.0) < 0.2
+    assert max(standing["empbpe_mm"]["mean"], after["empbpe_mm"]["mean"]) < 18.0
