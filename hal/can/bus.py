@@ -159,9 +159,9 @@ class CanBus:
                 motor.missed += is_asked and not motor.heard
                 motor.heard = False
             sent_s = time.monotonic()
-            self._send(outbox.at(sent_s), asked, sent_s)
+            handed_s = self._send(outbox.at(sent_s), asked, sent_s)
             # To wake for each answer costs more than the answer: nothing is lost by waiting until all can be there.
-            time.sleep(max(0.0, sent_s + self._busy_s - time.monotonic()))
+            time.sleep(max(0.0, handed_s + self._busy_s - time.monotonic()))
             self._collect(begun_s + MAX_LOAD * self.period_s, sent_s)
             self._publish(state)
         except DeviceError as error:
@@ -170,8 +170,11 @@ class CanBus:
                 self._show(self._broken, True)
             raise
 
-    def _send(self, outgoing: Outgoing, asked: Sequence[bool], now_s: float) -> None:
-        """Frames for every motor. One whose command cannot be made is damped, and the others are not kept waiting."""
+    def _send(self, outgoing: Outgoing, asked: Sequence[bool], now_s: float) -> float:
+        """Frames for every motor; when the adapter was handed them.
+
+        A motor whose command cannot be made is damped, and the others are not kept waiting.
+        """
         targets = self._targets.of(outgoing, self.map) if self._broken is None else []
         wrong: list[str] = []
         sent: list[Frame] = []
@@ -186,9 +189,11 @@ class CanBus:
             if frames and motor.codec.cyclic_period_s is None:
                 motor.unanswered.ask(now_s)
             sent += frames
+        handed_s = time.monotonic()
         self.link.send([*sent, *self._supply.question(now_s)])
         if wrong:
             raise DeviceError("; ".join(wrong))
+        return handed_s
 
     def _frames(self, motor: Motor, target: MotorCommand | None) -> tuple[Frame, ...]:
         if not motor.enabled:
