@@ -7,18 +7,19 @@ import pytest
 
 from train import progress
 from train.mdp import evaluator
-from train.report import figures
+from train.report import figures, writer
 
 
 @contextmanager
 def lightly(*, pictures: bool = False) -> Iterator[None]:
-    """Runs are judged with two robots of each kind, not dozens, and their reports have no pictures, which take long."""
+    """Runs are judged with two robots of each kind, and their reports have no pictures: both take long."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluator, "STARTS", dict.fromkeys(evaluator.STARTS, 2))
         if not pictures:
             patch.setenv("KATA_RENDERER", "none")
             patch.setattr(figures, "_svg", lambda panel, found, chosen: b"<svg/>")
             patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
+            patch.setattr(writer, "nearest_preset", lambda document: ("", []))  # reads all presets
         yield
 
 

@@ -116,7 +116,7 @@ def test_a_hidden_matrix_goes_as_torchs_adam_has_it():
 
 
 @pytest.mark.parametrize("change", changed.CHANGES)
-def test_every_change_trains_and_leaves_an_actor(change, tmp_path):
+def test_every_change_trains_and_leaves_an_actor(change, light, tmp_path):
     settings = [*SMALL, "world_model.processes=1", f"run_dir={tmp_path / 'run'}", "evaluate_every=null"]
     assert changed.main([change, *settings]) == 0
     assert (tmp_path / "run" / "actor.onnx").is_file()

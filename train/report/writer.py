@@ -19,6 +19,7 @@ from train.report.preset import nearest_preset
 from train.report.record import TrainingRecord, find_dumps, read_record
 from train.report.times import time_split
 from train.report.video import film
+from view.renderer import choose_backend
 
 FILM_BUDGET_S = 20.0
 NOT_YET = "it is drawn when the run ends"
@@ -82,6 +83,7 @@ def _film(run_dir: Path, document: Mapping[str, Any], budget_s: float) -> str:
     if not (run_dir / ACTOR_FILE).is_file():
         return no_video("the run has exported no actor yet")
     try:
+        choose_backend()  # without one no episode is played
         playback = play(run_dir, check(document))
         return video_section(film(playback, budget_s), playback)
     except _FILM_ERRORS as error:
