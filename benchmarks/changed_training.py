@@ -116,6 +116,9 @@ CHANGES: dict[str, Callable[[], contextlib.AbstractContextManager[None]]] = {
 
 def main(arguments: list[str]) -> int:
     """Train; return the exit code of train/run.py, 2 for an unknown change."""
+    if arguments[:1] in (["-h"], ["--help"]):
+        print(__doc__)
+        return 0
     if not arguments or arguments[0] not in CHANGES:
         given = arguments[0] if arguments else "nothing"
         print(f"error: unknown change, got {given}, expected one of {', '.join(CHANGES)}", file=sys.stderr)

@@ -128,3 +128,9 @@ def test_an_unknown_change_is_exit_2_and_one_line(capsys):
         "error: unknown change, got no_such, expected one of no_context, previous_targets, plain_targets, "
         "adaptive_tolerance, adam\n"
     )
+
+
+def test_help_names_every_change(capsys):
+    assert changed.main(["--help"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"\n{change} " in told for change in changed.CHANGES)
