@@ -38,7 +38,7 @@ class Family:
     iterations: int
 
 
-CHANGES = ("no_context", "previous_targets", "plain_targets", "adaptive_tolerance", "adam")
+CHANGES = ("no_context", "previous_targets", "plain_targets", "adaptive_tolerance")
 
 
 FAMILIES = {

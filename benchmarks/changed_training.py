@@ -7,7 +7,6 @@ no_context          world model and critic are not told the robots' constants; d
 previous_targets    the world model sees the last two targets instead of those that act in each half of a step
 plain_targets       the action is added to the reference's joints, without the torques that carry it
 adaptive_tolerance  PBHC's rule: each tracking cost counts per running mean of its own error
-adam                the world model's hidden matrices go by Adam, as everything else does
 
 benchmarks/ablations.py trains them all. Runs end with the program: such a run cannot be resumed.
 """
@@ -96,21 +95,8 @@ def adaptive_tolerance() -> Iterator[None]:
         yield
 
 
-@contextlib.contextmanager
-def adam() -> Iterator[None]:
-    """No matrix is left for Muon."""
-    descent = _world_model("descent").Descent
-    original = descent.__init__
-
-    def init(self: Any, module: Any, matrices: Any, *rates: Any) -> None:
-        original(self, module, [], *rates)
-
-    with mock.patch.object(descent, "__init__", init):
-        yield
-
-
 CHANGES: dict[str, Callable[[], contextlib.AbstractContextManager[None]]] = {
-    change.__name__: change for change in (no_context, previous_targets, plain_targets, adaptive_tolerance, adam)
+    change.__name__: change for change in (no_context, previous_targets, plain_targets, adaptive_tolerance)
 }
 
 

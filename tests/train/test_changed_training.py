@@ -94,27 +94,6 @@ def test_a_cost_counts_by_the_smallest_running_mean_of_its_error(monkeypatch):
     assert all(each["torque"].eq(1.0).all() for each in terms)
 
 
-def test_a_hidden_matrix_goes_as_torchs_adam_has_it():
-    from train.world_model.descent import Descent
-
-    def network():
-        layer = torch.nn.Linear(4, 3)
-        with torch.no_grad():
-            layer.weight.copy_(torch.arange(12.0).view(3, 4))
-        return layer
-
-    twin = network()
-    adam = torch.optim.Adam(twin.parameters(), lr=0.1, betas=(0.9, 0.99))
-    (0.5 * twin.weight.square().sum()).backward()  # the size of a first gradient says nothing
-    adam.step()
-    by_adam, by_muon = network(), network()
-    with changed.adam():
-        Descent(by_adam, [by_adam.weight], 0.1, (0.9, 0.99)).step(by_adam.weight.square().sum())
-    Descent(by_muon, [by_muon.weight], 0.1, (0.9, 0.99)).step(by_muon.weight.square().sum())
-    assert torch.allclose(by_adam.weight, twin.weight, atol=1e-6)
-    assert not torch.allclose(by_muon.weight, twin.weight, atol=1e-3)
-
-
 @pytest.mark.parametrize("change", changed.CHANGES)
 def test_every_change_trains_and_leaves_an_actor(change, light, tmp_path):
     settings = [*SMALL, "world_model.processes=1", f"run_dir={tmp_path / 'run'}", "evaluate_every=null"]
@@ -126,7 +105,7 @@ def test_an_unknown_change_is_exit_2_and_one_line(capsys):
     assert changed.main(["no_such"]) == 2
     assert capsys.readouterr().err == (
         "error: unknown change, got no_such, expected one of no_context, previous_targets, plain_targets, "
-        "adaptive_tolerance, adam\n"
+        "adaptive_tolerance\n"
     )
 
 

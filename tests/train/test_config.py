@@ -210,10 +210,10 @@ REFUSED_WITH_A_WORLD_MODEL = [
     (["world_model.imagination.lost.tilt=-1"], "world_model.imagination.lost.tilt: not positive"),
     (["world_model.fitting.warm_up_steps=1000"], "world_model.fitting.warm_up_steps: too few steps for the windows"),
     (["world_model.policy.hidden=[]"], "world_model.policy.hidden: unusable layers"),
-    # 196 steps of 512 robots take 49 iterations, and 640 updates of the model, 20 each, begin in the last of them.
-    (["iterations=81"], "iterations: the policy would learn nothing, got 81, expected 82 or more with 512"),
+    # 196 steps of 512 robots take 49 iterations, and 1040 updates of the model, 20 each, begin in the last of them.
+    (["iterations=101"], "iterations: the policy would learn nothing, got 101, expected 102 or more with 512"),
     (["init_from=tracker", "iterations=49"], "iterations: the policy would learn nothing, got 49, expected 50 or"),
-    (["init_from=tracker", "init_networks=[actor]", "iterations=81"], "iterations: the policy would learn nothing"),
+    (["init_from=tracker", "init_networks=[actor]", "iterations=101"], "iterations: the policy would learn nothing"),
     (
         ["num_envs=600", "world_model.capacity=100100", "world_model.starts.newest_steps=50000"],
         "world_model.capacity: fewer steps than the first update waits for, got 99600 steps of 600 robots",

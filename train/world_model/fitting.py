@@ -7,7 +7,6 @@ from torch import Tensor
 
 from core.rotations import projected_gravity
 from train.world_model.context import context_of
-from train.world_model.descent import Descent
 from train.world_model.model import WorldModel
 from train.world_model.ring import Ring
 from train.world_model.settings import FittingSettings
@@ -18,7 +17,6 @@ WEIGHTS = (1.0, 1.0, 0.5, 0.5, 1.0, 0.5)
 UNITS = (0.01, 0.02, 0.1, 0.3, 0.02, 1.0)
 SOFTNESS = 0.1  # in units: below it errors count by their square
 LEAST_SPREAD = 1e-5
-BETAS = (0.9, 0.99)
 SAMPLES = 20000
 
 
@@ -34,8 +32,10 @@ class ModelFitting:
 
     def __init__(self, model: WorldModel, settings: FittingSettings, ring: Ring, generator: torch.Generator) -> None:
         self.model, self._settings, self._ring, self._generator = model, settings, ring, generator
-        self.descent = Descent(model, model.network.matrices, settings.learning_rate, BETAS)
-        self._joints, self.normalized = len(model.kp_share), False
+        self.optimizer = torch.optim.AdamW(
+            model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
+        )
+        self._joints, self.normalized, self.skipped = len(model.kp_share), False, 0
         sizes = torch.tensor(self._sizes(), device=ring.device)
         self._units = torch.tensor(UNITS, device=ring.device).repeat_interleave(sizes)
         self._weights = (torch.tensor(WEIGHTS, device=ring.device) / sizes).repeat_interleave(sizes)
@@ -63,14 +63,24 @@ class ModelFitting:
     def set_rate(self, share: float) -> None:
         """The share of the learning rate that counts from now on."""
         last = self._settings.last_share
-        self.descent.set_rate(self._settings.learning_rate * (last + (1.0 - last) * share))
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._settings.learning_rate * (last + (1.0 - last) * share)
 
     def update(self, length: int, batch: int) -> Tensor:
-        """One update on ``batch`` windows of ``length`` steps; returns the loss, a scalar on the device."""
+        """One update on ``batch`` windows of ``length`` steps; returns the loss, a scalar on the device.
+
+        One whose gradient is not finite changes nothing; :attr:`skipped` counts them.
+        """
         played, actual, counts = self._play(length, batch)
         losses = self.losses(Motion(*(torch.cat(parts) for parts in zip(*played, strict=True))), unpack(actual))
         loss = (torch.nan_to_num(losses, 0.0, 0.0, 0.0) * counts).sum() / counts.sum().clamp(min=1.0)
-        self.descent.step(loss)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
+        if torch.isfinite(norm):
+            self.optimizer.step()
+        else:
+            self.skipped += 1
         return loss.detach()
 
     def losses(self, played: Motion, actual: Motion) -> Tensor:
@@ -94,17 +104,18 @@ class ModelFitting:
         return played, states[1:].flatten(0, 1), counts.flatten()
 
     def state_dict(self) -> dict[str, Any]:
-        """Model, optimisers, generator."""
+        """Model, optimiser, generator."""
         return {
             "model": self.model.state_dict(),
-            "descent": self.descent.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
             "generator": self._generator.get_state(),
             "normalized": self.normalized,
+            "skipped": self.skipped,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` returned."""
         self.model.load_state_dict(state["model"])
-        self.descent.load_state_dict(state["descent"])
+        self.optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
-        self.normalized = state["normalized"]
+        self.normalized, self.skipped = state["normalized"], state["skipped"]

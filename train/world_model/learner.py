@@ -160,7 +160,7 @@ class WorldModelLearner:
         if self._in_round == 0:
             self._settle()
         losses = {"model/single_loss": float(single), "model/window_loss": float(window)}
-        return {**losses, "model/skipped": float(self.fitting.descent.skipped), **self._figures, **self._compared()}
+        return {**losses, "model/skipped": float(self.fitting.skipped), **self._figures, **self._compared()}
 
     def _compared(self) -> dict[str, float]:
         """What the world model foretells beside what happened; between rounds, every few of them."""

@@ -68,11 +68,6 @@ class Network(nn.Module):
         self.low_precision, self._exact = precision == "bf16", exact
         self._weights: _Weights | None = None
 
-    @property
-    def matrices(self) -> list[Tensor]:
-        """Weights between hidden layers."""
-        return [layer.weight for layer in self.hidden if isinstance(layer, nn.Linear)]
-
     @torch.no_grad()
     def normalize_by(self, inputs: Tensor, extras: Tensor | None = None, least_std: float = 1e-3) -> None:
         """Take means and spreads of samples (N, ·); no spread counts as less than ``least_std``."""

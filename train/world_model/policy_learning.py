@@ -11,7 +11,6 @@ from torch import Tensor
 from train.learner.transfer import copy_weights
 from train.world_model.cost import terms_of, total
 from train.world_model.critic import Critic, privileged
-from train.world_model.descent import Descent
 from train.world_model.imagination import Imagination, Rollout
 from train.world_model.model import WorldModel
 from train.world_model.policy import BoundedResidual
@@ -48,8 +47,10 @@ class PolicyLearning:
         self.settings, self.policy, self.critic, self.model = settings, policy, critic, model
         self._imagination, self._starts = imagination, starts
         self.averaged = copy.deepcopy(policy).requires_grad_(False)
-        self.descent = Descent(policy, (), settings.policy.learning_rate, settings.policy.betas)
-        self.updates, self._normalized = 0, False
+        self.optimizer = torch.optim.Adam(
+            policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas
+        )
+        self.updates, self.skipped, self._normalized = 0, 0, False
 
     @torch.no_grad()
     def normalize(self, hard: Tensor) -> None:
@@ -77,7 +78,8 @@ class PolicyLearning:
 
     def _set_rate(self, progress: float) -> None:
         s = self.settings.policy
-        self.descent.set_rate(s.learning_rate * (s.last_share + (1.0 - s.last_share) * cosine(progress)))
+        for group in self.optimizer.param_groups:
+            group["lr"] = s.learning_rate * (s.last_share + (1.0 - s.last_share) * cosine(progress))
 
     def _update(self, start: Start) -> dict[str, float]:
         s = self.settings.policy
@@ -87,7 +89,14 @@ class PolicyLearning:
         rollout = self._imagination.play(self.policy, self.model, start, noisy=True)
         terms = terms_of(rollout.imagined, self.settings.cost)
         cost = total(terms, s.cost_max)
-        norm = self.descent.step(self._loss(rollout, cost))
+        loss = self._loss(rollout, cost)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self.policy.parameters(), 1.0)
+        if torch.isfinite(norm):
+            self.optimizer.step()
+        else:
+            self.skipped += 1
         with torch.no_grad():
             for mine, its in zip(self.averaged.parameters(), self.policy.parameters(), strict=True):
                 mine.lerp_(its, 1.0 - s.average)
@@ -115,7 +124,7 @@ class PolicyLearning:
             "imagined/survival": float(alive[-1].mean()),
             "imagined/critic_loss": self.critic.loss,
             "imagined/gradient": float(norm),
-            "imagined/skipped": float(self.descent.skipped),
+            "imagined/skipped": float(self.skipped),
             "policy_updates": float(self.updates),
         }
 
@@ -140,17 +149,18 @@ class PolicyLearning:
             "normalized": self._normalized,
             "policy": self.policy.state_dict(),
             "averaged": self.averaged.state_dict(),
-            "descent": self.descent.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
             "critic": self.critic.state_dict(),
             "updates": self.updates,
+            "skipped": self.skipped,
             "generators": [g.get_state() for g in (self._starts.generator, self._imagination.generator)],
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` returned."""
-        for name in ("policy", "averaged", "descent", "critic"):
+        for name in ("policy", "averaged", "optimizer", "critic"):
             getattr(self, name).load_state_dict(state[name])
-        self.updates, self._normalized = state["updates"], state["normalized"]
+        self.updates, self.skipped, self._normalized = state["updates"], state["skipped"], state["normalized"]
         for generator, value in zip(
             (self._starts.generator, self._imagination.generator), state["generators"], strict=True
         ):

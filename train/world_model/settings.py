@@ -45,6 +45,7 @@ class FittingSettings:
 
     hidden: tuple[int, ...]
     learning_rate: float
+    weight_decay: float
     last_share: float
     single_updates: int
     single_batch: int
@@ -59,6 +60,7 @@ class FittingSettings:
     def __post_init__(self) -> None:
         _layers("fitting", self.hidden)
         positive("world_model.fitting.learning_rate", self.learning_rate)
+        at_least("world_model.fitting.weight_decay", self.weight_decay, 0.0)
         for name, value in vars(self).items():
             if isinstance(value, int):
                 at_least(f"world_model.fitting.{name}", value, 1)

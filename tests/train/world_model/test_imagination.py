@@ -169,7 +169,7 @@ def test_the_gradient_is_that_of_finite_differences():
         return learning._loss(rollout, total(terms_of(rollout.imagined, learning.settings.cost), 20.0))
 
     learning.updates = 10
-    learning.policy.zero_grad()
+    learning.optimizer.zero_grad()
     loss().backward()
     gradient = weight.grad.clone()
     direction = gradient / gradient.norm()

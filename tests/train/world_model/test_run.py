@@ -84,9 +84,7 @@ def test_another_run_begins_with_its_policy_critic_and_model(small, trained, tmp
     # The learning rate falls over the updates that there are, from 5e-4 towards a tenth of it: of three the last one
     # has a cosine of 2/3 of the way, a quarter; in the tracker's run that of 5/6, of six.
     last = np.cos(np.pi * np.array([2 / 3, 5 / 6]))
-    optimizers = [_learner(run)["policy"]["descent"]["optimizers"] for run in (tmp_path / "run", trained)]
-    rates = [muon["param_groups"][0]["lr"] for muon, _ in optimizers]
-    assert rates == [adam["param_groups"][0]["lr"] for _, adam in optimizers]
+    rates = [_learner(run)["policy"]["optimizer"]["param_groups"][0]["lr"] for run in (tmp_path / "run", trained)]
     assert rates == pytest.approx(5e-4 * (0.1 + 0.9 * (0.5 + 0.5 * last)))
 
 
