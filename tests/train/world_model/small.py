@@ -18,7 +18,7 @@ SMALL = [
     "world_model.fitting.warm_up_steps=640", "world_model.fitting.warm_up_single=20",
     "world_model.fitting.warm_up_window=20", "world_model.fitting.warm_up_length=4", "world_model.fitting.window=6",
     "world_model.fitting.single_batch=64", "world_model.fitting.window_batch=16", "world_model.collect.redraw_every=14",
-    "world_model.collect.steps=8", "world_model.policy.updates=3",
+    "world_model.collect.steps=8",
 ]  # fmt: skip
 
 
