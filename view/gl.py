@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-from types import TracebackType
 from typing import Self
 
 import mujoco
@@ -63,9 +62,7 @@ class GlRenderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

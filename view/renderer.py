@@ -6,7 +6,6 @@ import functools
 import os
 import subprocess
 import sys
-from types import TracebackType
 from typing import Protocol, Self
 
 import mujoco
@@ -41,9 +40,7 @@ class Renderer(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
 def open_renderer(model: mujoco.MjModel, width: int, height: int) -> Renderer:

@@ -1,7 +1,6 @@
 """Draws poses of a robot in its scene: the kinematics only, no physics."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import mujoco
@@ -40,9 +39,7 @@ class Stage:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
     def picture(

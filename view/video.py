@@ -44,9 +44,7 @@ class VideoWriter:
         self._stream.pix_fmt = "yuv420p"
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, _: object, error: object, trace: object) -> None:
         try:
             if error is None:
                 self._container.mux(self._stream.encode())

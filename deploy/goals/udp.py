@@ -2,7 +2,6 @@
 
 import socket
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 from core.errors import InputError
@@ -50,9 +49,7 @@ class UdpPort:
             raise InputError(f"cannot listen there ({error.strerror})", where=where, hint=hint) from error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._socket is not None:
             self._socket.close()
 

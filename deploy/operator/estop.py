@@ -10,7 +10,6 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Self
 
 from core.errors import InputError
@@ -52,9 +51,7 @@ class EStop:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let go of the device, unless it hangs."""
         self._end.set()
         self._thread.join(LATE_S)

@@ -7,7 +7,6 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from core.clock import Clock
@@ -119,9 +118,7 @@ class Gamepad:
         self._say(f"gamepad {self._layout.name}: {BUTTON_TABLE}. B is {STOP_PLACE}")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self._close()
 

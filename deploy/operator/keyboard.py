@@ -8,7 +8,6 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Any, Self
 
 from deploy.control.states import Request
@@ -60,9 +59,7 @@ class Keyboard:
         self._say(self._table)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None and self._fd is not None:
             with contextlib.suppress(termios.error):  # the terminal may have been closed
                 if self._far_end is not None:

@@ -1,7 +1,6 @@
 """The live window on a simulated run."""
 
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Self
 
 from deploy.control.states import Request
@@ -24,9 +23,7 @@ class ViewerObserver:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._window.close()
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:

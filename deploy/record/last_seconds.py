@@ -5,7 +5,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from deploy.control.tick import TickResult
@@ -53,9 +52,7 @@ class LastSeconds:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: object, _: object) -> None:
         """Write what is due, and wait until it is written. The loop is over: nobody is kept waiting."""
         self._breath_s = 0.0
         if self._writer is not None:

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from deploy.control.tick import TickResult
@@ -60,9 +59,7 @@ class McapLog:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Wait for the file's end, at most 2 s where the loop must not wait."""
         self._put(None, block=True)
         self._thread.join(None if self._may_wait else END_LIMIT_S)

@@ -3,7 +3,6 @@
 import json
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from types import TracebackType
 from typing import Any, Self
 
 from core.errors import InputError
@@ -39,9 +38,7 @@ class StatusServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop listening; a caller that holds the line does not hold up the end."""
         threading.Thread(target=self._server.shutdown, daemon=True).start()
         self._thread.join(PATIENCE_S)

@@ -3,7 +3,6 @@
 import math
 import time
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -83,9 +82,7 @@ class Bench:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Damp, switch off, let go. A stop signal that comes meanwhile waits: nothing may stay on."""
         with uninterrupted():
             try:

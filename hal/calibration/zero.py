@@ -29,6 +29,8 @@ def main(arguments: Sequence[str] | None = None, *, ask: Ask | None = None) -> i
 
 def _zero(arguments: Sequence[str] | None, ask: Ask | None) -> int:
     given = _parser().parse_args(arguments)
+    if given.in_motor and given.stop:  # a servo that is driven would turn to where its target lies from the new zero
+        raise InputError("--in-motor", got=f"--stop {given.stop}", expected="a joint that is held by hand")
     file, robot = load_wires(given.config, given.at)
     share = given.torque_share
     if not 0 < share <= TORQUE_SHARE_MAX:
@@ -114,7 +116,7 @@ def _parser() -> ArgumentParser:
     parser.add_argument(
         "--torque-share", type=float, default=TORQUE_SHARE, metavar="SHARE", help="of the joint's limit, for --stop"
     )
-    parser.add_argument("--in-motor", action="store_true", help="set the servo's own zero as well")
+    parser.add_argument("--in-motor", action="store_true", help="set the servo's own zero as well, by hand only")
     parser.add_argument("--write", action="store_true", help="change the robot file, after asking")
     parser.add_argument("--without-watchdog", action="store_true", help="the servo has none, and you stand by")
     return parser

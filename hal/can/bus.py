@@ -100,7 +100,7 @@ class CanBus:
 
     def forget(self, motor: Motor) -> None:
         """The operator has seen the motor's faults."""
-        for name in motor.latched:
+        for name in tuple(motor.latched):  # a round may latch another meanwhile
             self._show(name, False)
         motor.latched.clear()
         motor.damped_only = False

@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -15,57 +14,6 @@ REST_SPEED_RAD_S = 0.3
 REST_HELD_S = 0.5
 CLOSE_LIMIT_S = 3.0
 CLOSE_LEAST_S = 1.0
-
-
-@runtime_checkable
-class Backend(Protocol):
-    """A device or its simulation. Opening never energises; closing always damps first.
-
-    Use as a context manager: entering opens, leaving closes, whatever happened inside.
-    """
-
-    control_period_s: float
-
-    def open(self) -> DeviceInfo:
-        """Connect and identify. Raises DeviceError; energises nothing."""
-        ...
-
-    def read(self) -> RobotState:
-        """Latest state with true ages. Raises NoState before the first complete one, LinkLost on a dead link."""
-        ...
-
-    def write(self, command: JointCommand) -> None:
-        """Hand a command to the sender, which repeats it until the next one or until its dead man latches.
-
-        While the dead man is latched the command is not sent; `read()` then shows the fault "dead_man".
-        """
-        ...
-
-    def damp(self) -> None:
-        """kp = 0 with the robot's damping kd on every joint. Needs no state; may be repeated."""
-        ...
-
-    def undamped(self) -> tuple[str, ...] | None:
-        """Joints that are not known to be damped: not heard since damping went out to them. None: nothing went out."""
-        ...
-
-    def acknowledge(self) -> None:
-        """Clear a latched dead man on the operator's word. The joints stay damped."""
-        ...
-
-    def close(self) -> None:
-        """Damp until the joints rest (below 0.3 rad/s for 0.5 s, at most 3 s), then disable. May be repeated."""
-        ...
-
-    def __enter__(self) -> Self:
-        """Open."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        ...
 
 
 @runtime_checkable
@@ -98,9 +46,11 @@ class Placeable(Protocol):
         ...
 
 
-class ClosesByDamping(ABC):
-    """Context manager and orderly end, shared by all backends. A subclass sets `_is_open` when it has opened.
+class Backend(ABC):
+    """A device or its simulation. Opening never energises; closing always damps first.
 
+    Use as a context manager: entering opens, leaving closes, whatever happened inside.
+    A subclass sets `_is_open` when it has opened.
     _damped_since_s: since when nothing but damping was asked for, where a subclass knows; inf while it was not. It
     counts for the longest time that closing damps, of which at least 1 s is left.
     """
@@ -115,26 +65,40 @@ class ClosesByDamping(ABC):
 
     @abstractmethod
     def open(self) -> DeviceInfo:
-        """See Backend."""
+        """Connect and identify. Raises DeviceError; energises nothing."""
 
     @abstractmethod
     def read(self) -> RobotState:
-        """See Backend."""
+        """Latest state with true ages. Raises NoState before the first complete one, LinkLost on a dead link."""
+
+    @abstractmethod
+    def write(self, command: JointCommand) -> None:
+        """Hand a command to the sender, which repeats it until the next one or until its dead man latches.
+
+        While the dead man is latched the command is not sent; `read()` then shows the fault "dead_man".
+        """
 
     @abstractmethod
     def damp(self) -> None:
-        """See Backend."""
+        """kp = 0 with the robot's damping kd on every joint. Needs no state; may be repeated."""
 
     def undamped(self) -> tuple[str, ...] | None:
-        """See Backend. What is simulated in this process hears everything."""
+        """Joints that are not known to be damped: not heard since damping went out to them. None: nothing went out.
+
+        What is simulated in this process hears everything.
+        """
         return ()
+
+    @abstractmethod
+    def acknowledge(self) -> None:
+        """Clear a latched dead man on the operator's word. The joints stay damped."""
 
     @abstractmethod
     def _disable(self) -> None:
         """Take the drive away from every joint and let the device go."""
 
     def close(self) -> None:
-        """See Backend."""
+        """Damp until the joints rest (below 0.3 rad/s for 0.5 s, at most 3 s), then disable. May be repeated."""
         if not self._is_open:
             return
         try:
@@ -148,9 +112,7 @@ class ClosesByDamping(ABC):
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close, whatever happened inside."""
         self.close()
 

@@ -240,7 +240,7 @@ class ServoGroup:
         pos_rad, vel_rad_s, torque_nm = self.translation.joints(self._counts)
         index, stamp_s = self.translation.index[rows], self._stamp_s
         state.joints(index, pos_rad[rows], vel_rad_s[rows], torque_nm[rows], self._temperature_c[rows], stamp_s[rows])
-        slipped = self.translation.map.slipped(pos_rad, *self.translation.bands)
+        slipped = self.translation.map.slipped(pos_rad, *self.translation.bands, self.translation.may_fold)
         for row in np.flatnonzero(slipped).tolist():
             self._fault(row, "whole turns away from its range, its zero is lost")
 
@@ -248,9 +248,11 @@ class ServoGroup:
         """Look at the health of one servo: one with an alert or that was silent, else now and then the next in turn."""
         if not self._alerts and self._rounds % INSPECT_EVERY:
             return
-        row = self._alerts.pop() if self._alerts else self._rounds // INSPECT_EVERY % len(self.servos)
         wait_s = until_s - time.monotonic()
-        if self._asked_s - self._stamp_s[row] > LATE_S or wait_s <= 0:
+        if wait_s <= 0:
+            return
+        row = self._alerts.pop() if self._alerts else self._rounds // INSPECT_EVERY % len(self.servos)
+        if self._asked_s - self._stamp_s[row] > LATE_S:
             return
         servo_id = self.servos[row].id
         try:

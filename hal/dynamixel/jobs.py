@@ -21,7 +21,7 @@ class JobQueue:
         done: Future[None] = Future()
         self._jobs.append((job, done))
         try:
-            done.result(JOB_S)
+            done.result(time.machine_s(JOB_S))
         except TimeoutError as error:
             done.cancel()
             raise DeviceError(f"not done within {JOB_S:g} s") from error

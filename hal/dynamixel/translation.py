@@ -26,7 +26,7 @@ class Translation:
         self.law = Law([options.model(servo) for servo in chosen], options.supply_v)
         self.index = np.array([robot.joint_names.index(servo.joint) for servo in chosen])
         self.bands = bands(robot, self.map.joint_names)
-        self._may_fold = np.array([servo.fold for servo in chosen])
+        self.may_fold = np.array([servo.fold for servo in chosen])
         self.d_damping = self.law.d_counts(self.map.raw_gain(robot.damping_kd[self.index]))
         self.currents = self.law.current_counts(np.abs(self.map.raw_nm(robot.torque_limit_nm[self.index])))
         self.damping_frame = self._gains_frame(np.zeros(len(chosen), dtype=int), self.d_damping)
@@ -34,7 +34,7 @@ class Translation:
     def settle_turns(self, positions: Sequence[int]) -> None:
         """Find the turn in which each servo woke up. Raises DeviceFault naming the joints for which there is none."""
         raw_rad = (np.array(positions) - r.CENTRE) / r.COUNTS_PER_RAD
-        self.map = self.map.folded(raw_rad, *self.bands, self._may_fold)
+        self.map = self.map.folded(raw_rad, *self.bands, self.may_fold)
 
     def in_band(self, row: int, position: int) -> bool:
         """Whether a servo at a position is where its joint can be, the turns as they were settled."""

@@ -83,8 +83,9 @@ class CanDevice(DeviceSide):
         file.joint_order(robot.robot)
         self._file = file
         self.buses = {bus.name: BusLine(robot, faults, file, bus) for bus in file.buses}
-        self._loop = BusLoop(list(self.buses.values()))
         self._imu = None if file.imu is None else ImuLine(robot, faults, file.imu)
+        loop = BusLoop(list(self.buses.values()))
+        self.lines = (loop,) if self._imu is None else (loop, self._imu)
 
     @property
     def endpoints(self) -> Mapping[str, str]:
@@ -96,23 +97,6 @@ class CanDevice(DeviceSide):
     def fault_keys(self) -> tuple[str, ...]:
         """See DeviceSide."""
         return (*(motor.joint for motor in self._file.motors), *self.buses, *([IMU] if self._imu else []))
-
-    @property
-    def failure(self) -> Exception | None:
-        """See DeviceSide."""
-        return self._loop.failure or (None if self._imu is None else self._imu.failure)
-
-    def start(self) -> None:
-        """See DeviceSide."""
-        self._loop.start()
-        if self._imu is not None:
-            self._imu.start()
-
-    def stop(self) -> None:
-        """See DeviceSide."""
-        self._loop.stop()
-        if self._imu is not None:
-            self._imu.stop()
 
     def reset(self) -> None:
         """See DeviceSide."""

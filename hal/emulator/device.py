@@ -32,6 +32,8 @@ class DeviceSide(ABC):
     """Name in configs/hal, where none is given."""
     fault_kinds: ClassVar[Mapping[str, FaultKind]] = {}
     """Kinds of faults of this device besides the common ones."""
+    lines: tuple[Any, ...] = ()
+    """What is started, stopped and may fail."""
 
     @abstractmethod
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
@@ -47,18 +49,20 @@ class DeviceSide(ABC):
     def fault_keys(self) -> tuple[str, ...]:
         """What a fault can strike, besides `*`: joints, buses, `imu`."""
 
-    @abstractmethod
     def start(self) -> None:
         """Open the wire and answer. Raises OSError or InputError where it cannot be opened."""
+        for line in self.lines:
+            line.start()
 
-    @abstractmethod
     def stop(self) -> None:
         """Close everything. May be repeated."""
+        for line in self.lines:
+            line.stop()
 
     @property
     def failure(self) -> Exception | None:
         """What ended one of its threads, if anything did."""
-        return None
+        return next((line.failure for line in self.lines if line.failure), None)
 
     @abstractmethod
     def reset(self) -> None:

@@ -258,6 +258,7 @@ class DynamixelDevice(DeviceSide):
         self._joints = robot.joint_names
         self._ports = {port.name: PortLine(robot, faults, options, port) for port in options.ports}
         self._imu = ImuLine(robot, faults, options.imu)
+        self.lines = (*self._ports.values(), self._imu)
 
     @property
     def endpoints(self) -> Mapping[str, str]:
@@ -268,23 +269,6 @@ class DynamixelDevice(DeviceSide):
     def fault_keys(self) -> tuple[str, ...]:
         """See DeviceSide."""
         return (*self._joints, *self._ports, KEY)
-
-    @property
-    def failure(self) -> Exception | None:
-        """See DeviceSide."""
-        return next((p.failure for p in self._ports.values() if p.failure), self._imu.failure)
-
-    def start(self) -> None:
-        """See DeviceSide."""
-        for port in self._ports.values():
-            port.start()
-        self._imu.start()
-
-    def stop(self) -> None:
-        """See DeviceSide."""
-        for port in self._ports.values():
-            port.stop()
-        self._imu.stop()
 
     def reset(self) -> None:
         """See DeviceSide."""

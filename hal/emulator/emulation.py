@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import Any, Self
 
 from core import robot_time
@@ -59,9 +58,7 @@ class Emulation:
         self.faults.begin(self.device.fault_keys)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the wire and stop."""
         self.control.stop()
         self.device.stop()

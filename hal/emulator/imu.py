@@ -92,6 +92,7 @@ class ImuDevice(DeviceSide):
 
     def __init__(self, robot: EmulatedRobot, faults: Faults, config: str) -> None:
         self._line = ImuLine(robot, faults, load_options(ImuOptions, config_file("hal", config)))
+        self.lines = (self._line,)
 
     @property
     def endpoints(self) -> Mapping[str, str]:
@@ -102,19 +103,6 @@ class ImuDevice(DeviceSide):
     def fault_keys(self) -> tuple[str, ...]:
         """See DeviceSide."""
         return (KEY,)
-
-    @property
-    def failure(self) -> Exception | None:
-        """See DeviceSide."""
-        return self._line.failure
-
-    def start(self) -> None:
-        """See DeviceSide."""
-        self._line.start()
-
-    def stop(self) -> None:
-        """See DeviceSide."""
-        self._line.stop()
 
     def reset(self) -> None:
         """See DeviceSide. An IMU forgets nothing."""

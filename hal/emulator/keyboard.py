@@ -6,7 +6,6 @@ import sys
 import termios
 import tty
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Self
 
 from hal.emulator.emulation import Emulation
@@ -44,9 +43,7 @@ class FaultKeys:
         tty.setcbreak(self._file)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Give the terminal back."""
         termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 

@@ -8,7 +8,7 @@ import numpy as np
 from core.clock import Clock
 from core.rotations import quat_from_axis_angle
 from core.structured import positive
-from hal.contract.backend import ClosesByDamping
+from hal.contract.backend import Backend
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from hal.simulated.faults import FaultScript, MockFault
@@ -34,7 +34,7 @@ class MockOptions:
         positive("link_timeout_s", self.link_timeout_s)
 
 
-class MockBackend(ClosesByDamping):
+class MockBackend(Backend):
     """Ideal joints: with kp > 0 a joint follows its target with a first-order lag, within its range and speed limit;
     with kp = 0 it stays where it is. The root is fixed and upright; its pose and contacts are not known (truth None).
     Damping frame: kp = 0, the robot's damping kd.

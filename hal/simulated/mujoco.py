@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from core.clock import Clock
-from hal.contract.backend import ClosesByDamping
+from hal.contract.backend import Backend
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from robot.robot import Robot
@@ -25,7 +25,7 @@ from world.sensor_noise import add_noise
 STEP_TOLERANCE = 1e-6
 
 
-class MujocoBackend(ClosesByDamping):
+class MujocoBackend(Backend):
     """Physics that follows the clock: every read and write first advances it to now, so it runs in real time on the
     machine's clock and as fast as it can on a simulated one.
 

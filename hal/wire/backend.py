@@ -16,7 +16,7 @@ import numpy as np
 from core.clock import Clock
 from core.errors import InputError
 from core.processes import without_windows
-from hal.contract.backend import ClosesByDamping
+from hal.contract.backend import Backend
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from hal.wire.boards import is_complete, missing
@@ -41,7 +41,7 @@ HEARD_S = 0.2
 MAIN = "import sys; from hal.wire.process import main; sys.exit(main(sys.argv[1:]))"
 
 
-class WireBackend(ClosesByDamping):
+class WireBackend(Backend):
     """Devices on wires, driven from a process of their own.
 
     link_timeout_s: when every joint and the IMU have been silent for longer, the link counts as lost. wires: locked
@@ -89,9 +89,9 @@ class WireBackend(ClosesByDamping):
         self._texts: tuple[int, tuple[str, ...], tuple[str, ...]] = (0, (), ())
         self._dead_man = DeadMan(self.control_period_s)
         self._commanded, self._damped_since_s = False, math.inf
-        self._start(memory, setup)
-        memory.close_descriptor()
         try:
+            self._start(memory, setup)
+            memory.close_descriptor()
             answer = self._receive(OPEN_LIMIT_S)
         except BaseException:
             if self._process is not None:
@@ -221,6 +221,7 @@ class WireBackend(ClosesByDamping):
         for: nothing is switched on. One that is late goes on without the loop: it damps, disables and ends."""
         process, self._process = self._process, None
         if process is None:
+            self._lock.release()
             return
         now_s = time.monotonic()
         end_s = now_s + OPENING_END_S
@@ -249,6 +250,7 @@ class WireBackend(ClosesByDamping):
 
     def _start(self, memory: SharedMemory, setup: bytes) -> None:
         here, there = socket.socketpair()
+        self._connection = Connection(here.detach())
         with there:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", MAIN, str(memory.fd), str(memory.size), str(there.fileno())],
@@ -258,9 +260,9 @@ class WireBackend(ClosesByDamping):
                 start_new_session=True,
                 env=without_windows(),
             )
-        self._connection = Connection(here.detach())
         self._send(list(sys.path))
-        self._connection.send_bytes(setup)
+        with contextlib.suppress(OSError):  # one that has ended already says so by its silence
+            self._connection.send_bytes(setup)
 
     def _energise(self) -> None:
         if not self._commanded:

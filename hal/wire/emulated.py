@@ -40,11 +40,17 @@ class EmulatedWireBackend(WireBackend):
         info = super().open()
         if not self._keep_pace:
             return info
-        if any(fault["active"] for fault in self.emulator.control.status()["faults"]):
-            pace = "real time, for a fault is active"  # slower, it would be no better
-        else:
-            pace = PaceTrial(self.clock, self.control_period_s, self._age_s).choose(self._set_pace)
+        try:
+            pace = self._paced()
+        except BaseException:
+            self.close()
+            raise
         return replace(info, details={"pace": pace, **info.details})
+
+    def _paced(self) -> str:
+        if any(fault["active"] for fault in self.emulator.control.status()["faults"]):
+            return "real time, for a fault is active"  # slower, it would be no better
+        return PaceTrial(self.clock, self.control_period_s, self._age_s).choose(self._set_pace)
 
     def close(self) -> None:
         """See Backend. Time goes by the machine's clock again."""

@@ -13,7 +13,7 @@ from motion.cli.text_table import text_table
 from motion.filter import Verdict, judge
 from motion.library import open_motion
 from motion.physics_checks import check_clip
-from motion.report.page import FIGURES, figure_text
+from motion.report.labels import FIGURES, figure_text
 from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures, residual_of
 from motion.report.trace import trace_clip
 from motion.report.warnings import warnings_of

@@ -1,9 +1,9 @@
 """Height of a human motion: feet in contact brought to the ground (Eq. 3), smoothly."""
 
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from core.errors import InputError
 from motion.human.motion import HumanMotion
@@ -58,6 +58,5 @@ def height_offset_m(lowest_m: np.ndarray, standing: np.ndarray, fps: float, sett
 def _moving_average(values: np.ndarray, weight: float) -> np.ndarray:
     """Exponential moving average with `weight` of the newest, there and back; it begins at the ends' own values."""
     for _ in range(2):
-        values, _ = lfilter([weight], [1.0, weight - 1.0], values, zi=[(1.0 - weight) * values[0]])
-        values = values[::-1]
+        values = np.array(list(accumulate(values, lambda mean, value: (1.0 - weight) * mean + weight * value)))[::-1]
     return values

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from motion.physics_checks import STABLE_DISTANCE_M
 from motion.report import figures
 from motion.report.figures import Balance
+from motion.report.labels import FIGURES, figure_text
 from motion.report.record import TRACKABLE, Record, document, verdicts
 from motion.report.skeletons import before_and_after, skeleton_of
 from motion.report.trace import Trace
@@ -16,20 +16,6 @@ from view.filmstrip import filmstrip, png_bytes
 from view.stage import Stage
 
 STRIP_PICTURES, STRIP_COLUMNS, STRIP_SIZE_PX = 8, 4, 300
-# Key of report.json -> what the reader sees: label, unit, meaning.
-FIGURES = {
-    "penetration_mm": ("penetration", "mm", "deepest point of any body below the ground, worst frame"),
-    "floating_mm": ("floating", "mm", "height of the lower sole while a foot is in contact, worst frame"),
-    "sliding_mm": ("sliding", "mm", "way of the middle of a sole from where its contact began, worst contact"),
-    "com_cop_mm": ("CoM to CoP", "mm", f"worst frame with a body near the ground; Eq. 1: {1e3 * STABLE_DISTANCE_M:g}"),
-    "airborne_frames": ("airborne", "frames", "nothing near the ground"),
-    "limit_violations": ("joint limits", "frames × joints", "angles outside the joint's range"),
-    "speed_violations": ("joint speeds", "frames × joints", "faster than the joint's limit from frame to frame"),
-    "self_collisions": ("self-collision", "frames", "two bodies more than 1 mm inside each other, by pair"),
-    "residual_torque_nm": ("residual torque", "Nm", "on the root, that the ground cannot supply, worst half second"),
-    "residual_force_n": ("residual force", "N", "with that torque"),
-    "residual_at_s": ("residual at", "s", "where that half second begins"),
-}
 
 
 def report_page(record: Record) -> str:
@@ -55,16 +41,6 @@ def figures_table(content: dict[str, Any]) -> str:
     """The figures of a clip with what they mean, from the content of report.json."""
     rows = [(label, figure_text(content[key]), unit, meaning) for key, (label, unit, meaning) in FIGURES.items()]
     return part.table(rows, numbers=(1,))
-
-
-def figure_text(value: Any) -> str:
-    """A figure of report.json for people; a table of pairs becomes their sum and names."""
-    if isinstance(value, dict):
-        pairs = "; ".join(f"{pair}: {frames}" for pair, frames in value.items())
-        return f"{sum(value.values())} ({pairs})" if value else "0"
-    if isinstance(value, float):
-        return f"{value:.1f}"
-    return "none" if value is None else str(value)
 
 
 def strip_of(trace: Trace, robot: Robot) -> np.ndarray:

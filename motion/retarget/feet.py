@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from core.rotations import quat_conjugate, quat_from_rotvec, quat_mul, quat_rotate, quat_to_rotvec, yaw_of, yaw_quat
 from motion.physics_checks import bridged, phases
@@ -102,6 +101,8 @@ def _common_shift(shift_w: np.ndarray, firm: np.ndarray) -> np.ndarray:
 
 def _firmness(standing: np.ndarray, fps: float, settings: FeetSettings) -> np.ndarray:
     """1 where a foot stands (N,), falling to 0 within the time of fading before and after."""
+    from scipy.ndimage import distance_transform_edt  # see motion.inverse_dynamics
+
     if not standing.any():
         return np.zeros(len(standing))
     return _faded(distance_transform_edt(~standing) / _fade_frames(fps, settings))

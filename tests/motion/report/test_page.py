@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from motion.human.motion import HumanMotion
-from motion.report.page import figure_text, report_page
+from motion.report.labels import figure_text
+from motion.report.page import report_page
 from tests.motion.report.verdicts import verdict_of
 from tests.view.test_page import Seen
 
