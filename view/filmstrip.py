@@ -46,7 +46,7 @@ class StripWriter:
         self._pictures: list[np.ndarray] = []
         return self
 
-    def __exit__(self, _: object, error: object, trace: object) -> None:
+    def __exit__(self, _: object, error: object, __: object) -> None:
         if error is None:
             write_whole(self._path, png_bytes(filmstrip(self._pictures, self._columns)))
 

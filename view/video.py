@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
@@ -44,7 +44,7 @@ class VideoWriter:
         self._stream.pix_fmt = "yuv420p"
         return self
 
-    def __exit__(self, _: object, error: object, trace: object) -> None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         try:
             if error is None:
                 self._container.mux(self._stream.encode())
