@@ -21,6 +21,8 @@ _SMALL = 1e-12
 
 def array_module(array: Array) -> ModuleType:
     """numpy or torch, by the kind of ``array``; torch is never imported from here."""
+    if type(array) is np.ndarray:
+        return np
     return sys.modules["torch"] if type(array).__module__.partition(".")[0] == "torch" else np
 
 
@@ -58,14 +60,13 @@ def quat_rotate_inverse(q: Array, v: Array) -> Array:
 
 def quat_to_matrix(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    xp = array_module(q)
     w, x, y, z = _parts(q)
     rows = [
-        xp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        xp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        xp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     ]
-    return xp.stack(rows, -2)
+    return _whole(rows, q).reshape(*q.shape[:-1], 3, 3)
 
 
 def quat_from_axis_angle(axis: Array, angle_rad: Array) -> Array:
@@ -105,16 +106,13 @@ def yaw_quat(q: Array) -> Array:
     xp = array_module(q)
     half = 0.5 * yaw_of(q)
     zero = 0.0 * half
-    return xp.stack([xp.cos(half), zero, zero, xp.sin(half)], -1)
+    return _whole([xp.cos(half), zero, zero, xp.sin(half)], q)
 
 
 def projected_gravity(q_wb: Array) -> Array:
     """Rᵀ(0, 0, -1): the direction of gravity in the body frame (..., 3)."""
     w, x, y, z = _parts(q_wb)
-    return array_module(q_wb).stack(
-        [2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0],
-        -1,
-    )
+    return _whole([2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0], q_wb)
 
 
 def quat_align_sign(q: Array, reference: Array) -> Array:
@@ -165,5 +163,12 @@ def _parts(a: Array) -> list[Array]:
 
 
 def _whole(parts: Sequence[Array], like: Array) -> Array:
-    """The array of these components."""
-    return np.array(parts) if type(parts[0]) is float else array_module(like).stack(parts, -1)
+    """The array of these components, which are of one shape and type."""
+    if type(parts[0]) is float:
+        return np.array(parts)
+    if (xp := array_module(like)) is not np:
+        return xp.stack(parts, -1)
+    whole = np.empty((*parts[0].shape, len(parts)), parts[0].dtype)  # what np.stack does, in a third of its time
+    for i, part in enumerate(parts):
+        whole[..., i] = part
+    return whole

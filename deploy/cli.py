@@ -73,40 +73,9 @@ def exit_code(report: RunReport) -> int:
 
 def parse(arguments: Sequence[str] | None = None) -> RunOptions:
     """Options from the command line. Raises InputError on bad usage."""
-    given = _parser().parse_args(arguments)
-    return RunOptions(
-        backend=given.backend,
-        policies=tuple(given.policy),
-        motions=tuple(given.motion),
-        goal=given.goal,
-        stand=given.stand,
-        robot=given.robot,
-        settings=given.config,
-        interactive=given.interactive,
-        hal_config=given.hal_config,
-        emulate=given.emulate,
-        faults=tuple(given.fault),
-        interface=given.interface,
-        domain=given.domain,
-        peer=given.peer,
-        hand_back=given.hand_back,
-        gamepad=given.gamepad,
-        first_run_ok=given.first_run_ok,
-        sim=given.sim,
-        sim_model=given.sim_model,
-        start=Start(given.start),
-        start_noise_rad=given.start_noise,
-        duration_s=given.duration,
-        realtime=given.realtime,
-        video=given.video,
-        viewer=given.viewer,
-        meshes=given.meshes,
-        log=given.log,
-        status_port=given.status,
-        dry_run=given.dry_run,
-        json=given.json,
-        seed=given.seed,
-    )
+    given = vars(_parser().parse_args(arguments))
+    several = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    return RunOptions(**{**given, **several, "start": Start(given["start"])})
 
 
 def _parser() -> ArgumentParser:
@@ -119,22 +88,31 @@ def _parser() -> ArgumentParser:
     )
     add = parser.add_argument
     add("--backend", required=True, choices=BACKENDS)
-    add("--policy", required=True, action="append", metavar="NAME|FILE", help="repeat it to switch with --interactive")
     add(
-        "--motion", action="append", default=[], metavar="NAME|FILE",
+        "--policy", required=True, action="append", dest="policies", metavar="NAME|FILE",
+        help="repeat it to switch with --interactive",
+    )  # fmt: skip
+    add(
+        "--motion", action="append", default=[], dest="motions", metavar="NAME|FILE",
         help="clip, folder of clips or manifest, for actors that carry none; repeat it to switch with --interactive",
     )  # fmt: skip
     add("--goal", metavar="SOURCE", help=f"for actors that follow goals: {SOURCES}; see docs/steering.md")
     add("--stand", default="stand", metavar="NAME|FILE", help="the actor that balances before and after")
     add("--robot", default="g1_23dof", metavar="NAME|FILE")
-    add("--config", default="default", metavar="NAME|FILE", help="thresholds and waits, see configs/deploy")
+    add(
+        "--config", default="default", dest="settings", metavar="NAME|FILE",
+        help="thresholds and waits, see configs/deploy",
+    )  # fmt: skip
     add("--interactive", action="store_true", help="wait for keys")
     _add_wire_options(parser)
     add("--sim", default="default", metavar="default|reference|FILE")
     add("--sim-model", type=path_argument, metavar="FILE", help="simulate this MJCF instead of the robot's own")
     add("--start", default="stand", choices=[start.value for start in Start])
-    add("--start-noise", type=number_argument, default=0.0, metavar="RAD", help="std added to each joint at the start")
-    add("--duration", type=positive_argument, metavar="S", help="damp and end after this long")
+    add(
+        "--start-noise", type=number_argument, default=0.0, dest="start_noise_rad", metavar="RAD",
+        help="std added to each joint at the start",
+    )  # fmt: skip
+    add("--duration", type=positive_argument, dest="duration_s", metavar="S", help="damp and end after this long")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
@@ -142,7 +120,10 @@ def _parser() -> ArgumentParser:
     add("--viewer", action="store_true", help="live window")
     add("--meshes", type=path_argument, metavar="DIR", help="the maker's STL files, shown in video and window")
     add("--log", type=path_argument, metavar="DIR", help="one MCAP file per run")
-    add("--status", type=count_argument, metavar="PORT", help="status at http://127.0.0.1:PORT/ and /json; 0: any port")
+    add(
+        "--status", type=count_argument, dest="status_port", metavar="PORT",
+        help="status at http://127.0.0.1:PORT/ and /json; 0: any port",
+    )  # fmt: skip
     add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=count_argument, default=0, metavar="S")
@@ -153,7 +134,10 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("--hal-config", metavar="NAME|FILE", help="the robot on its wires, see configs/hal")
     add("--emulate", action="store_true", help="start the wire's other end as well: a simulated robot, real frames")
-    add("--fault", action="append", default=[], metavar="FAULT", help="with --emulate, see hal/emulate --help")
+    add(
+        "--fault", action="append", default=[], dest="faults", metavar="FAULT",
+        help="with --emulate, see hal/emulate --help",
+    )  # fmt: skip
     add("--interface", metavar="IF", help="network interface of --backend dds")
     add("--domain", type=count_argument, metavar="N", help="DDS domain")
     add("--hand-back", action="store_true", help="dds: damped to rest, the robot's own controller has it again")

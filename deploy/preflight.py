@@ -123,14 +123,16 @@ def _check_names(info: DeviceInfo, robot: Robot) -> Check:
 
 def _check_actor(actor: ActorRun, robot: Robot, info: DeviceInfo) -> Check:
     spec = actor.actor.spec
+    gains = {name: (kp, kd) for name, kp, kd in zip(spec.joint_names, spec.kp, spec.kd)}
+    gains |= {held.name: (held.kp, held.kd) for held in spec.held_joints}
     found = f"{spec.num_joints} joints, every {1e3 * spec.control_period_s:g} ms, sha256 {actor.actor.sha256[:12]}"
     too_stiff = [
         f"{gain} of {joint} is {asked:g}, its motor takes at most {limit:g}"
-        for joint, *gains in zip(spec.joint_names, spec.kp, spec.kd)
-        for gain, asked, limit in zip(("kp", "kd"), gains, info.gain_limits.get(joint, (math.inf, math.inf)))
+        for joint in gains
+        for gain, asked, limit in zip(("kp", "kd"), gains[joint], info.gain_limits.get(joint, (math.inf, math.inf)))
         if asked > limit * (1.0 + GAIN_ROUNDING)
     ]
-    fits = set(spec.joint_names) == set(robot.joint_names) and not too_stiff
+    fits = set(gains) == set(robot.joint_names) and not too_stiff
     return Check(f"actor {actor.name}", fits, "; ".join([found, *too_stiff[:3]]))
 
 

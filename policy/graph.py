@@ -9,7 +9,7 @@ from typing import Any
 import onnxruntime
 
 from core.errors import InputError
-from policy.observation import check_terms, observation_layout, spec_dims
+from policy.observation import asks_for, check_terms, looks_at_goal, observation_layout, spec_dims
 from policy.spec import ActorSpec, ObservationGroup
 from policy.terms import TERMS
 
@@ -20,6 +20,10 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
     """Name of the output that is the action, and sizes of what the graph carries, by name. InputError on a misfit."""
     for group in spec.observations:
         check_terms(group, str(path))
+    blind = [entry.term for group in spec.observations for entry in group.terms if looks_at_goal(entry)]
+    if blind and not asks_for(spec.observations, "goal_visible"):
+        got, expected = ", ".join(sorted(set(blind))), "goal_visible besides"
+        raise InputError("terms look at a goal that may be hidden", where=path, got=got, expected=expected)
     inputs = {entry.name: entry for entry in session.get_inputs() if not entry.name.startswith(STATE)}
     names = [group.name for group in spec.observations]
     if set(inputs) != set(names):

@@ -80,6 +80,11 @@ def asks_for(groups: Sequence[ObservationGroup], term: str) -> bool:
     return any(entry.term == term for group in groups for entry in group.terms)
 
 
+def looks_at_goal(entry: ObservationTerm) -> bool:
+    """Whether the entry needs to know what an actor that follows goals is shown."""
+    return bool(entry.part) or TERMS[entry.term].pointed or entry.term == "goal_steer"
+
+
 def reference_tables(groups: Sequence[ObservationGroup]) -> frozenset[str]:
     """Names of the tables that a :class:`policy.reference.ReferenceMotion` has only where ``groups`` look at them."""
     looked_at = {"reference_feedforward": "feedforward_rad", "goal_visible": "steering"}

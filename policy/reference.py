@@ -91,11 +91,11 @@ def window_at(
         joint_pos_rad=rows.joint_pos_rad[index][:, joints],
         joint_vel_rad_s=rows.joint_vel_rad_s[index][:, joints] * moving,
         root_height_m=rows.root_pos_w[index, 2] - rows.floor_m,
-        root_quat_wxyz=quat_mul(np.broadcast_to(turn, (len(index), 4)), rows.root_quat_wxyz[index]),
+        root_quat_wxyz=quat_mul(turn, rows.root_quat_wxyz[index]),
         root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
         root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
         feedforward_rad=None if rows.feedforward_rad is None else rows.feedforward_rad[index][:, joints],
-        **({} if points is None else _goal(rows, tick, index, moving, turn_rad, points, visible)),
+        **({} if points is None else _goal(rows, tick, index, moving, turn_rad, turn, points, visible)),
     )
 
 
@@ -105,21 +105,20 @@ def _goal(
     index: np.ndarray,
     moving: np.ndarray,
     turn_rad: float,
+    turn: np.ndarray,
     points: np.ndarray,
     visible: np.ndarray | None,
 ) -> dict[str, Any]:
     """What only actors that follow goals see."""
-    turn = quat_from_axis_angle(np.array([0.0, 0.0, 1.0]), np.array(turn_rad))
     steering = rows.steering
     assert steering is not None, "built for an actor that follows goals"
     steer = steering[index] * np.concatenate([np.repeat(moving, 3, axis=1), np.ones_like(moving)], axis=1)
     steer[:, 3] += turn_rad
     here = rows.root_pos_w[min(tick, len(rows.root_pos_w) - 1)]
     away = rows.body_pos_w[index][:, points] - [here[0], here[1], rows.floor_m]
-    turns = np.broadcast_to(turn, (*away.shape[:2], 4))
     return {
-        "points_m": quat_rotate(turns, away),
-        "points_quat_wxyz": quat_mul(turns, rows.body_quat_wxyz[index][:, points]),
+        "points_m": quat_rotate(turn, away),
+        "points_quat_wxyz": quat_mul(turn, rows.body_quat_wxyz[index][:, points]),
         "steer": steer,
         "visible": visible,
     }

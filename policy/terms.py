@@ -46,6 +46,7 @@ class ObservationInput:
     filtered_gravity_b: Array | None = None  # (..., 3) of :func:`policy.attitude.filtered_gravity`
     reference: ReferenceWindow | None = None  # what windowed terms look at
     given: Mapping[str, Array] = field(default_factory=dict)  # commands and maps (..., n) by name
+    shared: dict[Any, Array] = field(default_factory=dict, init=False, repr=False, compare=False)  # of several terms
 
 
 @dataclass(frozen=True)
@@ -198,8 +199,7 @@ def reference_orientation(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """The reference's root seen from the robot's base: x and y axes, the first two columns of R(base)ᵀ R(reference)."""
     window, columns = _window(s, ticks)
     base = quat_conjugate(s.base_quat_wxyz)[..., None, :]
-    matrix = quat_to_matrix(quat_mul(base, window.root_quat_wxyz[..., columns, :]))
-    return _flat(array_module(matrix).concatenate([matrix[..., :, 0], matrix[..., :, 1]], -1))
+    return _flat(_two_axes(quat_mul(base, window.root_quat_wxyz[..., columns, :])))
 
 
 @register(constant=3, windowed=True)
@@ -220,17 +220,13 @@ def reference_ang_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
 def goal_point(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
     """Where a point of the reference is, seen from where its root is now, in the robot's heading frame; above the
     floor; m."""
-    window, columns = _window(s, ticks)
-    return _in_heading(_goal(window.points_m)[..., columns, point, :], s.base_quat_wxyz[..., None, :])
+    return _flat(_of_points(_places, s, ticks)[..., point, :])
 
 
 @register(constant=6, pointed=True)
 def goal_turn(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
     """How a point's body is turned in the robot's heading frame: x and y axes."""
-    window, columns = _window(s, ticks)
-    heading = quat_conjugate(yaw_quat(s.base_quat_wxyz))[..., None, :]
-    matrix = quat_to_matrix(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, point, :]))
-    return _flat(array_module(matrix).concatenate([matrix[..., :, 0], matrix[..., :, 1]], -1))
+    return _flat(_of_points(_axes, s, ticks)[..., point, :])
 
 
 @register(constant=5, windowed=True)
@@ -277,8 +273,32 @@ def _goal(values: Array | None) -> Array:
 
 def _shown(value: Array, window: ReferenceWindow | None, part: str) -> Array:
     """Zero, whatever it was, where the part is hidden."""
-    seen = _goal(None if window is None else window.visible)[..., [PARTS.index(part)]] > 0.5
-    return array_module(value).where(seen, value, 0.0 * seen)
+    column = PARTS.index(part)
+    seen = _goal(None if window is None else window.visible)[..., column : column + 1] > 0.5
+    return array_module(value).where(seen, value, 0.0)
+
+
+def _of_points(work: Callable[..., Array], s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """``work`` on all points at once, (..., K, P, n): terms differ by the point that they look at."""
+    key = (work, tuple(ticks))
+    if key not in s.shared:
+        s.shared[key] = work(*_window(s, ticks), s.base_quat_wxyz[..., None, None, :])
+    return s.shared[key]
+
+
+def _places(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) -> Array:
+    return quat_rotate_inverse(yaw_quat(base_quat_wxyz), _goal(window.points_m)[..., columns, :, :])
+
+
+def _axes(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) -> Array:
+    heading = quat_conjugate(yaw_quat(base_quat_wxyz))
+    return _two_axes(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, :, :]))
+
+
+def _two_axes(quat_wxyz: Array) -> Array:
+    """The x and y axes (..., 6) of a rotation: its matrix's first two columns, one after the other."""
+    matrix = quat_to_matrix(quat_wxyz)
+    return array_module(matrix).concatenate([matrix[..., 0], matrix[..., 1]], -1)
 
 
 def _flat(values: Array) -> Array:

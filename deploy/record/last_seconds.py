@@ -69,7 +69,7 @@ class LastSeconds:
         if self._due is None:
             return
         self._due -= 1
-        if self._due <= 0:
+        if self._due <= 0 and not (self._writer is not None and self._writer.is_alive()):
             self._due = None
             arguments = (list(self._ticks), str(self._fault))
             self._writer = threading.Thread(target=self._write, args=arguments, name="incident", daemon=True)
@@ -88,7 +88,7 @@ class LastSeconds:
             finally:
                 file.close()
             for old in sorted(self._folder.glob("run-*.mcap"), key=_changed_s)[: -self._kept]:
-                old.unlink()
+                old.unlink(missing_ok=True)
         except (OSError, ValueError) as error:
             self._say(f"the last seconds could not be kept: {error}")
         else:

@@ -1,6 +1,7 @@
 """What the robot did during TRACKING, scored against what was asked of it."""
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ from core.rotations import quat_mul, quat_rotate, yaw_of
 from deploy.actor_run import ActorRun
 from deploy.control.states import Mode
 from deploy.control.tick import TickResult
-from deploy.control.timing import PhaseTimer
+from deploy.control.timing import KEPT_TICKS, PhaseTimer
 from deploy.goals.source import Goal
 from hal.contract.types import RobotState
 from motion.metrics import METRIC_KEYS, Track, episode_length_ratio, reference_track, tracking_metrics
@@ -125,7 +126,7 @@ class Recorder:
     def __init__(self) -> None:
         self.performances: list[Performance] = []
         self.actor: ActorRun | None = None
-        self.off_rad: list[float] = []
+        self.off_rad = deque[float](maxlen=KEPT_TICKS)
         self.laid: Heading | None = None
         self._first_yaw_rad = 0.0
         self._after_tracking_tick = False
@@ -145,7 +146,8 @@ class Recorder:
             self.performance.add(state)
         if actor is not None and actor.goal is not None:
             if actor.tick == 1:
-                self.performances, self.actor, self.off_rad = [], actor, []
+                self.performances, self.actor = [], actor
+                self.off_rad.clear()
                 self._first_yaw_rad = float(yaw_of(_root_of(state)[1]))
             self._see(state, actor.goal)
         self._after_tracking_tick = actor is not None

@@ -17,7 +17,6 @@ from deploy.goals.clip import ClipGoal
 from deploy.goals.option import parse_goal
 from deploy.record.read_log import LoggedTick, read_log
 from deploy.settings import load_settings
-from policy.actor import Actor
 from policy.controller import PolicyController, PolicyOutput
 from policy.observation import entry_size, spec_dims
 from policy.spec import ActorSpec
@@ -42,15 +41,18 @@ class Difference:
         return f"first difference at tick {self.tick} (t = {self.time_s:.3f} s): {self.term}: {values}"
 
 
-def ticks_of(actor: Actor, ticks: Sequence[LoggedTick], where: Path) -> list[LoggedTick]:
-    """Those of this very actor; where there are none, those of actors of the same motion. InputError if none at all."""
-    same = [tick for tick in ticks if tick.action["policy_sha256"] == actor.sha256]
-    if not same and actor.spec.motion is not None:
-        same = [tick for tick in ticks if tick.action["motion"] == actor.spec.motion.name]
-    if not same:
+def ticks_of(run: ActorRun, ticks: Sequence[LoggedTick], where: Path) -> list[LoggedTick]:
+    """Those of this very actor with this motion; where there are none, all of this actor, or of others with the motion.
+
+    Raises InputError where there are none at all.
+    """
+    own = [tick for tick in ticks if tick.action["policy_sha256"] == run.actor.sha256]
+    chosen = [tick for tick in own or ticks if tick.action["motion"] == run.name] or own
+    if not chosen:
         got = ", ".join(sorted({f"{tick.action['motion']} ({tick.action['policy_sha256'][:12]})" for tick in ticks}))
-        raise InputError("holds no tick of this actor", where=where, got=got or "no actor", expected=actor.sha256[:12])
-    return same
+        expected = f"{run.name} ({run.actor.sha256[:12]})"
+        raise InputError("holds no tick of this actor", where=where, got=got or "no actor", expected=expected)
+    return chosen
 
 
 def first_difference(run: ActorRun, robot: Robot, ticks: Sequence[LoggedTick], tolerance: float) -> Difference | None:
@@ -91,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError("the log is of another robot", where=given.log, expected=robot.name)
     if log.cut is not None:
         print(f"{given.log} was not closed ({log.cut}): replaying the {len(log.ticks)} ticks that are whole")
-    chosen = ticks_of(run.actor, log.ticks, given.log)
+    chosen = ticks_of(run, log.ticks, given.log)
     difference = first_difference(run, robot, chosen, given.tolerance)
     print(difference or f"{len(chosen)} ticks agree within {given.tolerance:g}")
     return SAME if difference is None else DIFFERENT

@@ -9,7 +9,9 @@ from core.clock import SimulatedClock
 from deploy.actors import load_run
 from deploy.preflight import Check, PreflightRefused, require, run_preflight, table
 from hal.contract.types import LinkLost, NoState
+from policy.inputs import HeldJoint
 from tests.deploy.toys import (
+    JOINTS,
     KNEE,
     ROBOT,
     SETTINGS,
@@ -98,6 +100,19 @@ def test_gains_that_a_motor_would_cut_are_refused_by_name(tmp_path):
     require(checks_for(tmp_path, [state()], gain_limits=enough))
     with pytest.raises(PreflightRefused, match=r"knee_joint is 4, its motor takes at most 3\.5; kp of left_el"):
         require(checks_for(tmp_path, [state()], gain_limits=cuts))
+
+
+def test_held_joints_are_the_robots_too_and_so_are_their_gains(tmp_path):
+    """An actor that moves 22 joints and holds the left elbow with kp 10."""
+    run, elbow = linear_run(tmp_path), ROBOT.joint_names.index("left_elbow_joint")
+    spec, moved = run.actor.spec, [i for i in range(JOINTS) if i != elbow]
+    fewer = {name: getattr(spec, name)[moved] for name in ("default_pos_rad", "kp", "kd", "action_scale")}
+    names = tuple(spec.joint_names[i] for i in moved)
+    held = (HeldJoint("left_elbow_joint", 0.3, 10.0, 1.0),)
+    run.actor = replace(run.actor, spec=replace(spec, joint_names=names, held_joints=held, motion=None, **fewer))
+    require(checks_for(tmp_path, [state()], actors=[run]))
+    with pytest.raises(PreflightRefused, match=r"kp of left_elbow_joint is 10, its motor takes at most 9"):
+        require(checks_for(tmp_path, [state()], actors=[run], gain_limits={"left_elbow_joint": (9.0, 9.0)}))
 
 
 def test_other_joint_names_are_refused(tmp_path):

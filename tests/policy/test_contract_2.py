@@ -68,6 +68,19 @@ def adding_actor(path, spec, size, states=("count",), sizes=(3, 3)):
     return path
 
 
+def test_what_looks_at_a_goal_needs_to_know_what_is_hidden(tmp_path):
+    """Found at load: in the first tick of tracking it would damp a robot that stands."""
+    for entry in (
+        ObservationTerm("goal_point", ticks=(1,), of="head"),
+        ObservationTerm("goal_steer", ticks=(0,)),
+        ObservationTerm("reference_root_height", ticks=(0,), part="posture"),
+    ):
+        size = {"goal_point": 3, "goal_steer": 5}.get(entry.term, 1)
+        path = adding_actor(tmp_path / "actor.onnx", spec_of(entry), size)
+        with pytest.raises(InputError, match=rf"hidden, got {entry.term}, expected goal_visible besides"):
+            load_actor(path, toy_robot(), toy_motion())
+
+
 def spec_of(*terms, **changes):
     default = {"motion": None, "follows": "any_clip", "observations": (ObservationGroup("obs", terms),)}
     return toy_spec(default_pos_rad=np.zeros(3), action_scale=np.ones(3), **(default | changes))

@@ -16,6 +16,18 @@ def test_one_sample_and_none():
     assert percentiles([]) == {"p50": None, "p99": None, "p999": None, "max": None}
 
 
+def test_the_last_ticks_are_reported_and_all_are_counted():
+    times = iter([0.0, 0.008, 1.0, 1.002, 2.0, 2.004])
+    timer = PhaseTimer(lambda: next(times), kept=2)
+    for _ in range(3):
+        timer.begin()
+        timer.lap("read")
+        timer.end(None)
+    report = timer.report()
+    assert timer.ticks == report["ticks"] == 3
+    assert report["tick_ms"]["max"] == report["phases_ms"]["read"]["max"] == pytest.approx(4.0)
+
+
 def test_laps_add_up_to_the_tick():
     times = iter([10.0, 10.001, 10.003, 10.006, 20.0, 20.002, 20.004, 20.010])
     timer = PhaseTimer(lambda: next(times))

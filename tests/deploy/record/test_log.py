@@ -135,6 +135,15 @@ def test_a_state_that_was_altered_is_named(logged, field, place, term):
     assert (difference.tick, difference.term) == (9, "actions[0] left_knee_joint")
 
 
+def test_of_several_motions_the_one_that_is_asked_for_is_replayed(logged):
+    """One actor's ticks with two motions: those of its own name; where there are none, all that are its own."""
+    run, ticks = load_run(logged[1], None, ROBOT, SETTINGS.entry), read_log(logged[0]).ticks
+    for tick in ticks[5:]:
+        tick.action["motion"] = "another"
+    assert ticks_of(run, ticks, logged[0]) == ticks[:5]
+    assert ticks_of(run, ticks[5:], logged[0]) == ticks[5:]
+
+
 @pytest.mark.parametrize("tolerance", ["nan", "-1", "much"])
 def test_a_tolerance_that_is_none_is_one_line_and_exit_2(logged, capsys, tolerance):
     assert main([str(logged[0]), "--policy", str(logged[1]), "--tolerance", tolerance]) == 2
@@ -153,4 +162,4 @@ def test_unusable_logs_and_actors(logged, tmp_path, capsys):
         write_linear_actor(tmp_path / "s.onnx", seconds=0.4, name="stranger"), None, ROBOT, SETTINGS.entry
     )
     with pytest.raises(InputError, match=r"no tick of this actor.*toy"):
-        ticks_of(stranger.actor, read_log(logged[0]).ticks, logged[0])
+        ticks_of(stranger, read_log(logged[0]).ticks, logged[0])

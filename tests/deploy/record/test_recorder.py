@@ -147,7 +147,7 @@ def test_of_a_script_each_clip_is_scored_where_it_was_asked_for_and_steering_by_
     recorder(state(truth=truth([0, 0, HEIGHT_M], yaw=0.5)), Told(1, Goal(steered, 0, 0.0, nothing, 0.0)), None)
     before = replace(steered, steering=steered.steering - [0.0, 0.0, 0.0, 0.6])
     recorder(state(truth=truth([1, 0, HEIGHT_M], yaw=0.6)), Told(2, Goal(before, 0, 0.0, nothing, 0.6)), None)
-    assert recorder.off_rad == pytest.approx([0.2, 0.1]) and recorder.performance is None
+    assert list(recorder.off_rad) == pytest.approx([0.2, 0.1]) and recorder.performance is None
     ghost = recorder.laid.points(clip.root_pos_w[0])
     np.testing.assert_allclose(ghost, [1.0 + 0.4 * np.cos(0.7), 0.4 * np.sin(0.7), HEIGHT_M])
     assert yaw_of(recorder.laid.rotations(clip.root_quat_wxyz[0])) == pytest.approx(0.7 + 0.1)
