@@ -80,8 +80,7 @@ class EpisodeResult:
 
     metrics: episode means, None where unknown. steps of num_ticks: control ticks until the clip's end or the fall.
     fell: root less than 0.3 m above the scene at any time off the gantry, or a trip. outcome:
-    completed, fell, tripped or failed (fault says why). limits: ticks per safety rule. timing: as in the JSON result of
-    deploy/run.
+    completed, fell, tripped or failed (fault says why).
     """
 
     performance: Performance | None
@@ -93,8 +92,6 @@ class EpisodeResult:
     fell: bool
     outcome: str
     fault: str | None
-    limits: dict[str, int]
-    timing: dict[str, object]
 
 
 def run_episode(
@@ -177,6 +174,4 @@ def _result(rig: EpisodeRig, cell: Cell, fell: bool, failure: str | None) -> Epi
         fell=fell or tripped,
         outcome=outcome,
         fault=str(fault) if tripped else failure,
-        limits=dict(cell.guard.counts),
-        timing=cell.timer.report(),
     )

@@ -27,11 +27,6 @@ class ObservationHistory:
         self._block = np.zeros((num_lags(group), sample_width(self.terms, dims)))
         self._empty = True
 
-    @property
-    def size(self) -> int:
-        """n, the length of the observation."""
-        return self._layout.size
-
     def reset(self) -> None:
         """Forget everything pushed."""
         self._block[:] = 0.0

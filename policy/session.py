@@ -9,18 +9,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_state
 
 from core.errors import InputError
 
-ORT_ERRORS = (
-    ort_state.EPFail,
-    ort_state.Fail,
-    ort_state.InvalidArgument,
-    ort_state.InvalidGraph,
-    ort_state.InvalidProtobuf,
-    ort_state.ModelLoadCanceled,
-    ort_state.NoModel,
-    ort_state.NoSuchFile,
-    ort_state.NotImplemented,
-    ort_state.RuntimeException,
-)
+ORT_ERRORS = tuple(kind for kind in vars(ort_state).values() if isinstance(kind, type) and issubclass(kind, Exception))
 
 
 def open_session(content: bytes, where: str | Path) -> onnxruntime.InferenceSession:

@@ -25,7 +25,6 @@ class Player:
         self.request = request
         self.robot = load_robot()
         self._settings = load_settings()
-        self._kinematics = self.robot.kinematics
         entry = self._settings.entry
         self.clips = open_clips(request.motions, self.robot)
         self.runs = load_runs(request.policies, self.clips, self.robot, entry, request.goal)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from core.files import replacing
 from sim2sim import plots
-from sim2sim.definitions import AVERAGING, SUCCESS, SURVIVAL, scores_in
+from sim2sim.definitions import AVERAGING
 from sim2sim.evaluation import Evaluation, Run
-from sim2sim.table import format_value, percent
+from sim2sim.table import score_rows
 from sim2sim.video import open_stages, strip
 from view import page as part
 
@@ -72,15 +72,9 @@ def _page(evaluation: Evaluation, pictures: Sequence[Picture]) -> str:
 def _scores(runs: Sequence[Run]) -> str:
     documents = [run.document for run in runs]
     rows = [
-        ("actor", [run.name for run in runs], "", "name or file"),
-        ("SHA-256", [document["policy_sha256"][:16] for document in documents], "", "of the file, its first 16 digits"),
-        ("motion", [document["motion"] for document in documents], "", ""),
-        ("survival", [percent(document, "survival_rate") for document in documents], "%", SURVIVAL),
+        ("actor", *(run.name for run in runs), "", "name or file"),
+        ("SHA-256", *(found["policy_sha256"][:16] for found in documents), "", "of the file, its first 16 digits"),
+        ("motion", *(found["motion"] for found in documents), "", ""),
+        *score_rows(documents),
     ]
-    if any("success_rate" in document for document in documents):
-        rows.append(("success", [percent(document, "success_rate") for document in documents], "%", SUCCESS))
-    for score in scores_in(documents):
-        values = [format_value(document["metrics"].get(score.key)) for document in documents]
-        rows.append((score.label, values, score.unit, score.meaning))
-    cells = [(label, *values, unit, meaning) for label, values, unit, meaning in rows]
-    return part.table(cells, numbers=range(1, 1 + len(runs)), named=True) + part.paragraph(AVERAGING, "small")
+    return part.table(rows, numbers=range(1, 1 + len(runs)), named=True) + part.paragraph(AVERAGING, "small")

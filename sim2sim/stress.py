@@ -6,6 +6,7 @@ from typing import Any
 
 from core.config import config_file, load_options
 from core.structured import at_least, none_negative, one_of
+from core.text_table import text_table
 from sim2sim.definitions import SCORES
 from sim2sim.evaluation import Evaluation
 from sim2sim.request import EvaluationRequest
@@ -71,10 +72,8 @@ def stress_table(rows: Sequence[tuple[Condition, Evaluation]]) -> str:
     """One table a policy, one line a condition; lines joined by newlines."""
     tables = []
     for index, run in enumerate(rows[0][1].runs):
-        lines = [LABELS, *(_cells(condition, found.runs[index].document) for condition, found in rows)]
-        widths = [max(len(line[column]) for line in lines) for column in range(len(LABELS))]
-        body = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines]
-        tables.append("\n".join([run.name, *body]))
+        cells = [_cells(condition, found.runs[index].document) for condition, found in rows]
+        tables.append(f"{run.name}\n{text_table(LABELS, cells)}")
     return "\n\n".join(
         [*tables, "Units: " + ", ".join(f"{score.label} {score.unit}" for score in SCORES if score.unit)]
     )

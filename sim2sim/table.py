@@ -9,25 +9,32 @@ from typing import Any
 from core.arguments import ArgumentParser, path_argument
 from core.command import guarded
 from core.errors import InputError
+from core.text_table import text_table
 from sim2sim.definitions import AVERAGING, GOAL_SCORES, SUCCESS, SURVIVAL, scores_in
 
 Document = Mapping[str, Any]
+WIDEST_TEXT = 200  # a definition, or a fault in words
 
 
 def format_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     """One row a score, one column a run, the definition at the end of the row; lines joined by newlines."""
-    rows = [("", *names, "unit", "")]
+    rows = score_rows(documents)
     if any("outcome" in document for document in documents):
-        rows.append(("outcome", *(str(d.get("fault") or d.get("outcome", "")) for d in documents), "", ""))
+        rows.insert(0, ("outcome", *(str(d.get("fault") or d.get("outcome", "")) for d in documents), "", ""))
+    table = text_table(("", *names, "unit", ""), rows, range(1, 1 + len(names)), widest=WIDEST_TEXT)
+    return f"{table}\n{AVERAGING}"
+
+
+def score_rows(documents: Sequence[Document]) -> list[tuple[str, ...]]:
+    """Label, a value of each run, unit and definition of every share and score that a run has."""
+    rows: list[tuple[str, ...]] = []
     for rate, meaning in (("survival", SURVIVAL), ("success", SUCCESS)):
         if any(f"{rate}_rate" in document for document in documents):
             rows.append((rate, *(percent(document, f"{rate}_rate") for document in documents), "%", meaning))
     for score in scores_in(documents):
         cells = tuple(format_value(document["metrics"].get(score.key)) for document in documents)
         rows.append((score.label, *cells, score.unit, score.meaning))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = ["  ".join(_aligned(row, widths)).rstrip() for row in rows]
-    return "\n".join([*lines, AVERAGING])
+    return rows
 
 
 CLIP_SCORES = ("episode_length_ratio", "eg_mpbpe_mm", "empbpe_mm", "empjpe_mrad")
@@ -40,18 +47,13 @@ def clip_table(documents: Sequence[Document], names: Sequence[str]) -> str:
     keys = [*CLIP_SCORES, *(score.key for score in scores.values() if score in GOAL_SCORES)]
     rates = [rate for rate in CLIP_RATES if any(rate in document for document in documents)]
     labels = [f"{scores[key].label} {scores[key].unit}".strip() for key in keys]
-    rows = [("clip", *(CLIP_RATES[rate] for rate in rates), *labels)]
+    rows = []
     for name, document in zip(names, documents, strict=True):
         cells = (format_value(document["metrics"].get(key)) for key in keys)
         rows.append((name, *(percent(document, rate) for rate in rates), *cells))
     rows.append((f"all {len(documents)}", *_means(documents, rates, keys)))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(width) if column else cell.ljust(width) for column, (cell, width) in enumerate(zip(row, widths))
-        )
-        for row in rows
-    )
+    heads = ("clip", *(CLIP_RATES[rate] for rate in rates), *labels)
+    return text_table(heads, rows, range(1, len(heads)), widest=WIDEST_TEXT)
 
 
 def _means(documents: Sequence[Document], rates: Sequence[str], keys: Sequence[str]) -> list[str]:
@@ -98,15 +100,6 @@ def _has_scores(document: Any) -> bool:
     numbers = [document.get(rate, 0.0) for rate in CLIP_RATES]
     numbers += [value.get(key) if isinstance(value, dict) else None for value in known for key in ("mean", "std")]
     return all(isinstance(number, int | float) for number in numbers)
-
-
-def _aligned(row: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """Numbers to the right, words to the left."""
-    last_value = len(row) - 3
-    return [
-        cell.rjust(width) if 0 < column <= last_value else cell.ljust(width)
-        for column, (cell, width) in enumerate(zip(row, widths))
-    ]
 
 
 @guarded

@@ -2,7 +2,6 @@
 
 import contextlib
 import sys
-from collections.abc import Mapping
 
 from deploy.control.loop import Observer
 from deploy.operator.voice import Voice
@@ -33,7 +32,9 @@ def watching(
     status = Status(robot, None if wire is None else wire.statistics)
     observers: list[Observer] = [status]
     if options.log is not None:
-        observers.append(_log(options, robot, about, messages, voice, stack))
+        log = McapLog(options.log, robot, about, messages, may_wait=not options.on_wall_clock, complain=voice.complain)
+        voice.say(f"log {log.path}")
+        observers.append(stack.enter_context(log))
     elif options.on_wall_clock:
         kept = LastSeconds(
             INCIDENTS, robot, about, messages,
@@ -47,18 +48,3 @@ def watching(
     if every and options.attended and sys.stdout.isatty():
         observers.append(StatusLine(status, every, voice.say))
     return observers
-
-
-def _log(
-    options: RunOptions,
-    robot: Robot,
-    about: Mapping[str, str],
-    messages: TickMessages,
-    voice: Voice,
-    stack: contextlib.ExitStack,
-) -> McapLog:
-    assert options.log is not None
-    may_wait = not options.on_wall_clock
-    log = McapLog(options.log, robot, about, messages, may_wait=may_wait, complain=voice.complain)
-    voice.say(f"log {log.path}")
-    return stack.enter_context(log)

@@ -9,7 +9,7 @@ from core.arguments import ArgumentParser, positive_argument
 from core.command import BAD_INPUT, DONE, FAILED, guarded
 from core.config import errors_in
 from core.errors import InputError
-from motion.cli.text_table import text_table
+from core.text_table import text_table
 from motion.filter import Verdict, judge
 from motion.library import open_motion
 from motion.physics_checks import check_clip

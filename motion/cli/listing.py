@@ -7,7 +7,7 @@ from pathlib import Path
 from core.arguments import ArgumentParser
 from core.command import BAD_INPUT, guarded
 from core.errors import InputError
-from motion.cli.text_table import text_table
+from core.text_table import text_table
 from motion.clip import Clip, load_clip
 from motion.library import CLIPS
 

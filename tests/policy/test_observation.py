@@ -304,7 +304,7 @@ def test_a_mean_over_lags_stands_where_its_entry_does():
     )  # fmt: skip
     group = ObservationGroup("obs", terms)
     history = ObservationHistory(group, term_dims(2))
-    assert history.size == 3 + 2 + 4 + 3 and num_lags(group) == 4
+    assert observation_layout(group, term_dims(2)).size == 3 + 2 + 4 + 3 and num_lags(group) == 4
     samples = np.arange(25.0).reshape(5, 5)  # per tick: 3 of the gyro, 2 joints
     for sample in samples:
         observation = history.push(sample)

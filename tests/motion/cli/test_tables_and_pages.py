@@ -3,8 +3,8 @@
 import threading
 from http.client import HTTPConnection
 
+from core.text_table import text_table
 from motion.cli.serving import page_server
-from motion.cli.text_table import text_table
 
 
 def test_columns_stand_under_each_other():

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 WIDEST_CELL = 60
 
 
-def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> str:
+def text_table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = (), widest: int = WIDEST_CELL
+) -> str:
     """Lines of columns two spaces apart, as wide as their widest cell; the columns `right` are set to the right.
 
-    Long cells are cut; what a terminal would obey (texts come from files) becomes a question mark.
+    Cells longer than `widest` are cut; what a terminal would obey (texts come from files) becomes a question mark.
     """
-    lines = [[_shown(text) for text in line] for line in (heads, *rows)]
+    lines = [[_shown(text, widest) for text in line] for line in (heads, *rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
 
     def cell(text: str, column: int) -> str:
@@ -19,6 +21,6 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Seque
     return "\n".join("  ".join(cell(text, i) for i, text in enumerate(line)).rstrip() for line in lines)
 
 
-def _shown(text: str) -> str:
+def _shown(text: str, widest: int) -> str:
     plain = "".join(letter if letter.isprintable() else "?" for letter in text)
-    return plain if len(plain) <= WIDEST_CELL else plain[: WIDEST_CELL - 1] + "…"
+    return plain if len(plain) <= widest else plain[: widest - 1] + "…"
