@@ -1,7 +1,6 @@
 """The driver of a Unitree G1 with 29 motors over DDS: LowState in, LowCmd out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from hal.dds.state_writer import StateWriter
 from hal.dds.tick_clock import TickClock
 from hal.dds.types import LowCmd_
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle, Damper
+from hal.wire.driver import Cycle, Damper, WireFactory
 from hal.wire.lock import wire_name
 from hal.wire.outbox import Kind, Outbox, Outgoing
 from robot.robot import Robot
@@ -42,7 +41,7 @@ class DdsDriver:
 
     `enable` has the onboard motion service let go and makes sure that nobody else commands; only then LowCmd is sent,
     at `command_hz`, damping from the first one on. Damping frame: LowCmd with mode 1, kp = 0 and the robot's damping
-    kd, the held joints likewise. `disable` sends mode 0.
+    kd, the held joints likewise. `disable` sends mode 0. Raises InputError where the robot does not fit a G1's motors.
     """
 
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
@@ -224,27 +223,8 @@ class DdsDriver:
         return self._states.latest[0]
 
 
-@dataclass(frozen=True)
-class DdsFactory:
-    """Builds the driver in the wire process. Raises InputError where the robot does not fit a G1's motors."""
-
-    options: DdsOptions
-
-    @property
-    def wires(self) -> tuple[str, ...]:
-        """Its network and domain."""
-        return (wire_name("dds", self.options.interface, f"domain {self.options.domain}"),)
-
-    @property
-    def link_timeout_s(self) -> float:
-        """How long everything may be silent."""
-        return self.options.link_timeout_s
-
-    def __call__(self, robot: Robot) -> DdsDriver:
-        """The driver."""
-        return DdsDriver(robot, self.options)
-
-
-def make_factory(config: Path, endpoints: Mapping[str, str]) -> DdsFactory:
+def make_factory(config: Path, endpoints: Mapping[str, str]) -> WireFactory:
     """See hal.open.WIRES; endpoints may have `interface` and `domain`."""
-    return DdsFactory(load_dds_options(config, endpoints))
+    options = load_dds_options(config, endpoints)
+    wire = wire_name("dds", options.interface, f"domain {options.domain}")
+    return WireFactory(DdsDriver, options, (wire,), options.link_timeout_s)
