@@ -78,6 +78,11 @@ def test_scan_without_a_file_and_the_table_of_loads(capsys: pytest.CaptureFixtur
     assert "--ids, got 0-300" in capsys.readouterr().err
 
 
+def test_scan_of_a_bus_that_is_not_in_the_file_is_refused(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scan.main(["--config", str(path), "--bus", "bsu"]) == 2
+    assert capsys.readouterr().err.startswith("error: --bus: unknown bus, got bsu, expected one of bus")
+
+
 @pytest.mark.parametrize(("joint", "by"), [(HIP, 0.2), (KNEE, -0.15)])
 def test_jog_turns_one_joint_gently(line, joint: str, by: float, capsys: pytest.CaptureFixture[str]) -> None:
     options, bus = line
