@@ -45,7 +45,7 @@ class DdsDriver:
     """
 
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
-        self.joint_names, self._damping_kd = robot.joint_names, robot.damping_kd
+        self.joint_names = robot.joint_names
         self._options = options
         self._slots = SlotMap(robot, options.held)
         self._period_s = 1.0 / options.command_hz
@@ -94,9 +94,8 @@ class DdsDriver:
     def dampers(self) -> Sequence[Damper]:
         """See Driver."""
         options, machine = self._options, int(self._message()["mode_machine"])
-        damping = Outgoing(Kind.DAMP, damping_command(self._damping_kd))
         frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
-        bodies = frames.body(damping, machine, self._message()["motor_state"]), frames.disabled_body(machine)
+        bodies = frames.body(self._damping, machine, self._message()["motor_state"]), frames.disabled_body(machine)
         return [
             DdsDamper(
                 "dds", self._period_s, options.domain, options.interface, COMMAND_TOPIC, self.joint_names, *bodies

@@ -32,7 +32,6 @@ class SocketcandServer:
         self.endpoint = f"socketcand://{HOST}:{self._listener.getsockname()[1]}/{CHANNEL}"
         self._clients: dict[socket.socket, _Client] = {}
         self._away = False
-        self.refused = 0
 
     @property
     def files(self) -> list[socket.socket]:
@@ -115,11 +114,7 @@ class SocketcandServer:
                 client.raw, client.raw_s = True, time.monotonic()
                 self._write(connection, b"< ok >")
             case ["<", "send", identifier, length, *data] if client.raw:
-                frame = parse_send(identifier, length, data)
-                self.refused += frame is None
-                return frame
-            case _:
-                self.refused += 1
+                return parse_send(identifier, length, data)
         return None
 
     def _pass_on(self, sender: socket.socket, frames: Iterable[Frame]) -> None:
