@@ -254,6 +254,16 @@ def test_zero_by_hand(line, path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert re.sub(r"zero_rad: -0\.0[45]\d+", "zero_rad: 0.25", path.read_text()) == YAML
 
 
+def test_the_servos_own_zero_is_not_set_while_it_is_driven(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened: list[object] = []
+    monkeypatch.setattr("hal.can.link._opened", lambda **given: opened.append(given))
+    assert zero.main([HIP, "--config", str(path), "--stop", "lower", "--in-motor"], ask=agree(HIP)) == 2
+    assert capsys.readouterr().err == "error: --in-motor, got --stop lower, expected a joint that is held by hand\n"
+    assert opened == []
+
+
 @pytest.mark.parametrize(("stop", "wrong_rad"), [("upper", 0.0), ("lower", 0.7)])
 def test_zero_against_a_stop(path: Path, stop: str, wrong_rad: float, capsys: pytest.CaptureFixture[str]) -> None:
     """The emulated knee stops at its true range; the file's zero is wrong by so much and is found."""
