@@ -14,17 +14,17 @@ from hal.contract.backend import Backend
 from hal.emulator.launch import Emulator
 from hal.simulated.mock import MockBackend, MockOptions
 from hal.simulated.mujoco import MujocoBackend
-from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
-from hal.wire.driver import DriverFactory
+from hal.wire.backend import WireBackend
+from hal.wire.driver import WireFactory
 from hal.wire.emulated import EmulatedWireBackend
 from robot.robot import Robot
 from world.options import SimOptions, load_sim_options
 from world.scene import FLAT, Scene
 
 # name -> module of the driver, and the name of its configuration in configs/hal where none is given. The module's
-# `make_factory(config: Path, endpoints: Mapping[str, str]) -> DriverFactory` reads the configuration (InputError where
+# `make_factory(config: Path, endpoints: Mapping[str, str]) -> WireFactory` reads the configuration (InputError where
 # it is unusable) and opens nothing; endpoints say where to connect instead: what `Emulator.endpoints` says, and for
-# dds `interface`, `domain` and `peer`. A factory may have `link_timeout_s` and `wires`, the names of what it locks.
+# dds `interface`, `domain` and `peer`.
 WIRES = {
     "dds": ("hal.dds.driver", "dds"),
     "can": ("hal.can.driver", "can_g1"),
@@ -87,11 +87,10 @@ def _open_wire(
 ) -> Backend:
     factory = wire_factory(name, config, {**(emulator.endpoints if emulator else {}), **endpoints})
     label = f"{name}, peer {endpoints['peer']}" if "peer" in endpoints else name
-    timeout_s = getattr(factory, "link_timeout_s", LINK_TIMEOUT_S)
-    times = {"control_period_s": control_period_s, "link_timeout_s": timeout_s}
+    times = {"control_period_s": control_period_s, "link_timeout_s": factory.link_timeout_s}
     if emulator is not None:
         return EmulatedWireBackend(label, robot, clock, factory, emulator, **times, keep_pace=True)
-    return WireBackend(label, robot, clock, factory, wires=getattr(factory, "wires", ()), **times)
+    return WireBackend(label, robot, clock, factory, wires=factory.wires, **times)
 
 
 def wire_config(name: str, config: str | Path | None = None) -> Path:
@@ -106,7 +105,7 @@ def wire_config_sha256(name: str, config: str | Path | None, endpoints: Mapping[
     return content.hexdigest()
 
 
-def wire_factory(name: str, config: str | Path | None, endpoints: Mapping[str, str]) -> DriverFactory:
+def wire_factory(name: str, config: str | Path | None, endpoints: Mapping[str, str]) -> WireFactory:
     """What builds the driver in the wire process. Raises InputError on an unusable configuration."""
-    factory: DriverFactory = importlib.import_module(WIRES[name][0]).make_factory(wire_config(name, config), endpoints)
+    factory: WireFactory = importlib.import_module(WIRES[name][0]).make_factory(wire_config(name, config), endpoints)
     return factory

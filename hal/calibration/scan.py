@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from core.arguments import ArgumentParser
 from core.errors import InputError
+from core.structured import one_of
 from hal.calibration.consent import DEVICE, DONE, add_wire_options, load_wires, run_command
 from hal.can.bus_load import bus_loads, check_loads, load_table
 from hal.can.codec import Codec, Found, MotorCommand
@@ -39,6 +40,8 @@ def _scan(arguments: Sequence[str] | None) -> int:
         _print_found(scan_bus(bus, codecs, ids), bus, None, codecs)
         return DONE
     file, _ = load_wires(given.config, given.at)
+    if given.bus is not None:
+        one_of("--bus", given.bus, [bus.name for bus in file.buses], "unknown bus")
     print(load_table(bus_loads(file)))
     check_loads(bus_loads(file))
     if given.load:

@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class CanBus:
         settled = self.map.take(row).folded(np.array([motor.pos_rad]), lower[row], upper[row], self.fold[row])
         turns = self.map.turns.copy()
         turns[row] = settled.turns
-        self.map = self.map.with_turns(turns)
+        self.map = replace(self.map, turns=turns)
 
     def latch(self, motor: Motor, reason: str) -> None:
         """Show a motor's fault and send it nothing but damping, until `forget`."""

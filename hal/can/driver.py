@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 from core.errors import InputError
@@ -15,36 +14,24 @@ from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.imu.reader import ImuReader
 from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle, Damper
+from hal.wire.driver import Cycle, Damper, WireFactory
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
 
 
-@dataclass(frozen=True)
-class CanFactory:
-    """Builds the driver where the wire is owned."""
-
-    file: RobotFile
-
-    @property
-    def wires(self) -> tuple[str, ...]:
-        """Buses that have motors."""
-        return tuple(bus.wire for bus in self.file.buses if self.file.motors_of(bus.name))
-
-    def __call__(self, robot: Robot) -> "CanDriver":
-        """See DriverFactory. Raises InputError where the file does not fit the robot."""
-        return CanDriver(robot, self.file)
-
-
-def make_factory(config: str | Path, endpoints: Mapping[str, str]) -> CanFactory:
+def make_factory(config: str | Path, endpoints: Mapping[str, str]) -> WireFactory:
     """See hal/open.py. endpoints: by bus name and `imu`. Refuses a rate above 80 % of a wire's ceiling."""
     file = load_robot_file(config)
     check_loads(bus_loads(file))
-    return CanFactory(file.at(endpoints))
+    file = file.at(endpoints)
+    return WireFactory(CanDriver, file, wires=tuple(bus.wire for bus in file.buses if file.motors_of(bus.name)))
 
 
 class CanDriver:
-    """See hal.wire.driver.Driver. Damping: each codec's frame with kp = 0 and the robot's damping kd."""
+    """See hal.wire.driver.Driver. Damping: each codec's frame with kp = 0 and the robot's damping kd.
+
+    Raises InputError where the file does not fit the robot.
+    """
 
     def __init__(self, robot: Robot, file: RobotFile) -> None:
         file.joint_order(robot)

@@ -66,10 +66,6 @@ class JointMap:
         arrays = {name: getattr(self, name)[rows] for name in ("direction", "zero_rad", "gear", "turns")}
         return replace(self, joint_names=tuple(self.joint_names[i] for i in rows.tolist()), **arrays)
 
-    def with_turns(self, turns: np.ndarray) -> Self:
-        """The same map with other turns (N,) added."""
-        return replace(self, turns=turns)
-
     @property
     def turn_rad(self) -> np.ndarray:
         """(N,) what one turn of the motor is at the joint."""
@@ -115,16 +111,6 @@ class JointMap:
             self.raw_gain(command.kp[index]),
             self.raw_gain(command.kd[index]),
             self.raw_nm(command.tau_nm[index]),
-        )
-
-    def command(self, raw: JointCommand) -> JointCommand:
-        """What a raw command means at the joints: the inverse of `raw_command`, in the motors' order."""
-        return JointCommand(
-            self.pos_rad(raw.q_rad),
-            self.vel_rad_s(raw.dq_rad_s),
-            self.gain(raw.kp),
-            self.gain(raw.kd),
-            self.torque_nm(raw.tau_nm),
         )
 
     def check_bands(self, lower_rad: np.ndarray, upper_rad: np.ndarray, folded: np.ndarray) -> None:

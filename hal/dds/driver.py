@@ -1,7 +1,6 @@
 """The driver of a Unitree G1 with 29 motors over DDS: LowState in, LowCmd out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from hal.dds.state_writer import StateWriter
 from hal.dds.tick_clock import TickClock
 from hal.dds.types import LowCmd_
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle, Damper
+from hal.wire.driver import Cycle, Damper, WireFactory
 from hal.wire.lock import wire_name
 from hal.wire.outbox import Kind, Outbox, Outgoing
 from robot.robot import Robot
@@ -42,11 +41,11 @@ class DdsDriver:
 
     `enable` has the onboard motion service let go and makes sure that nobody else commands; only then LowCmd is sent,
     at `command_hz`, damping from the first one on. Damping frame: LowCmd with mode 1, kp = 0 and the robot's damping
-    kd, the held joints likewise. `disable` sends mode 0.
+    kd, the held joints likewise. `disable` sends mode 0. Raises InputError where the robot does not fit a G1's motors.
     """
 
     def __init__(self, robot: Robot, options: DdsOptions) -> None:
-        self.joint_names, self._damping_kd = robot.joint_names, robot.damping_kd
+        self.joint_names = robot.joint_names
         self._options = options
         self._slots = SlotMap(robot, options.held)
         self._period_s = 1.0 / options.command_hz
@@ -95,9 +94,8 @@ class DdsDriver:
     def dampers(self) -> Sequence[Damper]:
         """See Driver."""
         options, machine = self._options, int(self._message()["mode_machine"])
-        damping = Outgoing(Kind.DAMP, damping_command(self._damping_kd))
         frames = CommandFrames(self._slots, options.held, options.held_speed_rad_s, self._period_s)
-        bodies = frames.body(damping, machine, self._message()["motor_state"]), frames.disabled_body(machine)
+        bodies = frames.body(self._damping, machine, self._message()["motor_state"]), frames.disabled_body(machine)
         return [
             DdsDamper(
                 "dds", self._period_s, options.domain, options.interface, COMMAND_TOPIC, self.joint_names, *bodies
@@ -224,27 +222,8 @@ class DdsDriver:
         return self._states.latest[0]
 
 
-@dataclass(frozen=True)
-class DdsFactory:
-    """Builds the driver in the wire process. Raises InputError where the robot does not fit a G1's motors."""
-
-    options: DdsOptions
-
-    @property
-    def wires(self) -> tuple[str, ...]:
-        """Its network and domain."""
-        return (wire_name("dds", self.options.interface, f"domain {self.options.domain}"),)
-
-    @property
-    def link_timeout_s(self) -> float:
-        """How long everything may be silent."""
-        return self.options.link_timeout_s
-
-    def __call__(self, robot: Robot) -> DdsDriver:
-        """The driver."""
-        return DdsDriver(robot, self.options)
-
-
-def make_factory(config: Path, endpoints: Mapping[str, str]) -> DdsFactory:
+def make_factory(config: Path, endpoints: Mapping[str, str]) -> WireFactory:
     """See hal.open.WIRES; endpoints may have `interface` and `domain`."""
-    return DdsFactory(load_dds_options(config, endpoints))
+    options = load_dds_options(config, endpoints)
+    wire = wire_name("dds", options.interface, f"domain {options.domain}")
+    return WireFactory(DdsDriver, options, (wire,), options.link_timeout_s)

@@ -1,70 +1,34 @@
 """The G1's message types as they are announced on the wire.
 
 Every 8-bit field is `types.byte`: declared as `uint8`, CycloneDDS 11 announces another type id, and a peer that runs
-0.10, as the robot does, crashes on it. The tests hold the ids. Fields and their order are those of the maker's
-hg messages; LowCmd, LowState and BmsState travel as whole frames, which `hal.dds.layout` reads and writes.
+0.10, as the robot does, crashes on it. The tests hold the ids. The fields of the hg messages are those that
+`hal.dds.layout` declares; LowCmd, LowState and BmsState travel as whole frames, which it reads and writes.
 """
 
-# mypy: disable-error-code="type-arg, valid-type"
+# mypy: disable-error-code="misc, type-arg, valid-type"
 # The field types are run-time descriptions that CycloneDDS reads.
 
 from dataclasses import dataclass
 from typing import Any
 
-from cyclonedds.idl import IdlStruct, types
+import numpy as np
+from cyclonedds.idl import IdlStruct, make_idl_struct, types
 from cyclonedds.idl.annotations import autoid, final
 
-MOTORS = 35
+from hal.dds.layout import BMS_STATE, IMU_STATE, LOW_CMD, LOW_STATE, MOTOR_CMD, MOTOR_STATE
+
 NO_BYTES: Any = b""
 HEADER_BYTES = 4
 CDR_LE = b"\x00\x01\x00\x00"
 CDR2_LE = b"\x00\x07\x00\x00"
-
-
-@dataclass
-@final
-@autoid("sequential")
-class MotorCmd_(IdlStruct, typename="unitree_hg.msg.dds_.MotorCmd_"):
-    """What one motor is told."""
-
-    mode: types.byte
-    q: types.float32
-    dq: types.float32
-    tau: types.float32
-    kp: types.float32
-    kd: types.float32
-    reserve: types.uint32
-
-
-@dataclass
-@final
-@autoid("sequential")
-class IMUState_(IdlStruct, typename="unitree_hg.msg.dds_.IMUState_"):
-    """What an IMU says."""
-
-    quaternion: types.array[types.float32, 4]
-    gyroscope: types.array[types.float32, 3]
-    accelerometer: types.array[types.float32, 3]
-    rpy: types.array[types.float32, 3]
-    temperature: types.int16
-
-
-@dataclass
-@final
-@autoid("sequential")
-class MotorState_(IdlStruct, typename="unitree_hg.msg.dds_.MotorState_"):
-    """What one motor says."""
-
-    mode: types.byte
-    q: types.float32
-    dq: types.float32
-    ddq: types.float32
-    tau_est: types.float32
-    temperature: types.array[types.int16, 2]
-    vol: types.float32
-    sensor: types.array[types.uint32, 2]
-    motorstate: types.uint32
-    reserve: types.array[types.uint32, 4]
+NUMBERS = {
+    "|u1": types.byte,
+    "<i2": types.int16,
+    "<u2": types.uint16,
+    "<i4": types.int32,
+    "<u4": types.uint32,
+    "<f4": types.float32,
+}
 
 
 def _keep(self: Any, body: bytes | None) -> None:
@@ -86,64 +50,31 @@ def _deserialize(cls: Any, data: bytes, has_header: bool = True, use_version_2: 
     return cls(data[HEADER_BYTES:] if data[:2] in (CDR_LE[:2], CDR2_LE[:2]) else None)
 
 
-@final
-@autoid("sequential")
-class LowCmd_(IdlStruct, typename="unitree_hg.msg.dds_.LowCmd_"):
-    """What all motors are told."""
-
-    mode_pr: types.byte
-    mode_machine: types.byte
-    motor_cmd: types.array[MotorCmd_, MOTORS]
-    reserve: types.array[types.uint32, 4]
-    crc: types.uint32
-
-    __init__ = _keep
-    serialize = _serialize
-    deserialize = classmethod(_deserialize)
+def _part(name: str, struct: np.dtype, **parts: Any) -> Any:
+    """The type of that name with the fields of `struct`. parts: by field, the types of those that are structs."""
+    fields = {}
+    for field in struct.names or ():
+        number, shape = struct[field].subdtype or (struct[field], ())
+        kind = parts.get(field) or NUMBERS[number.str]
+        fields[field] = types.array[kind, *shape] if shape else kind
+    # Never made of fields, so no dataclass: its comparison would look for them.
+    part = make_idl_struct(name, f"unitree_hg.msg.dds_.{name}", fields, dataclassify=False)
+    return final(autoid("sequential")(part))
 
 
-@final
-@autoid("sequential")
-class LowState_(IdlStruct, typename="unitree_hg.msg.dds_.LowState_"):
-    """What the robot says."""
-
-    version: types.array[types.uint32, 2]
-    mode_pr: types.byte
-    mode_machine: types.byte
-    tick: types.uint32
-    imu_state: IMUState_
-    motor_state: types.array[MotorState_, MOTORS]
-    wireless_remote: types.array[types.byte, 40]
-    reserve: types.array[types.uint32, 4]
-    crc: types.uint32
-
-    __init__ = _keep
-    serialize = _serialize
-    deserialize = classmethod(_deserialize)
+def _frame(name: str, struct: np.dtype, **parts: Any) -> Any:
+    """Likewise a message that travels whole. No base class has its methods: CycloneDDS would announce that as well."""
+    frame = _part(name, struct, **parts)
+    frame.__init__, frame.serialize, frame.deserialize = _keep, _serialize, classmethod(_deserialize)
+    return frame
 
 
-@final
-@autoid("sequential")
-class BmsState_(IdlStruct, typename="unitree_hg.msg.dds_.BmsState_"):
-    """What the battery says. soc: state of charge in %."""
-
-    version_high: types.byte
-    version_low: types.byte
-    fn: types.byte
-    cell_vol: types.array[types.uint16, 40]
-    bmsvoltage: types.array[types.uint32, 3]
-    current: types.int32
-    soc: types.byte
-    soh: types.byte
-    temperature: types.array[types.int16, 12]
-    cycle: types.uint16
-    manufacturer_date: types.uint16
-    bmsstate: types.array[types.uint32, 5]
-    reserve: types.array[types.uint32, 3]
-
-    __init__ = _keep
-    serialize = _serialize
-    deserialize = classmethod(_deserialize)
+MotorCmd_ = _part("MotorCmd_", MOTOR_CMD)
+IMUState_ = _part("IMUState_", IMU_STATE)
+MotorState_ = _part("MotorState_", MOTOR_STATE)
+LowCmd_ = _frame("LowCmd_", LOW_CMD, motor_cmd=MotorCmd_)
+LowState_ = _frame("LowState_", LOW_STATE, imu_state=IMUState_, motor_state=MotorState_)
+BmsState_ = _frame("BmsState_", BMS_STATE)
 
 
 @dataclass

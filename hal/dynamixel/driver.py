@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from hal.dynamixel.translation import Translation
 from hal.imu.reader import ImuReader
 from hal.wire.adapter import adapter_serial
 from hal.wire.boards import StateBoard
-from hal.wire.driver import Cycle, Damper
+from hal.wire.driver import Cycle, Damper, WireFactory
 from hal.wire.lock import wire_name
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
@@ -28,29 +27,14 @@ from robot.robot import Robot
 LATENCY_SHARE = 0.5
 
 
-@dataclass(frozen=True)
-class DynamixelFactory:
-    """Builds the driver where the wire is owned."""
-
-    options: DynamixelOptions
-
-    @property
-    def wires(self) -> tuple[str, ...]:
-        """Its serial ports."""
-        return tuple(wire_name("serial", port.device) for port in self.options.ports)
-
-    def __call__(self, robot: Robot) -> "DynamixelDriver":
-        """See DriverFactory."""
-        return DynamixelDriver(robot, self.options)
-
-
-def make_factory(config: Path, endpoints: Mapping[str, str]) -> DynamixelFactory:
+def make_factory(config: Path, endpoints: Mapping[str, str]) -> WireFactory:
     """endpoints: device files by port name, and `imu`, in place of the file's: those of an emulator, which alone has
     stand-ins. Raises InputError; opens nothing."""
     options = load_dynamixel(config)
     if not endpoints:
         options.check_real()
-    return DynamixelFactory(with_endpoints(options, endpoints))
+    options = with_endpoints(options, endpoints)
+    return WireFactory(DynamixelDriver, options, wires=tuple(wire_name("serial", p.device) for p in options.ports))
 
 
 class DynamixelDriver:

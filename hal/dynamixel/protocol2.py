@@ -6,7 +6,7 @@ behind every FF FF FD, so that no header can appear inside. A status (instructio
 """
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 HEADER = b"\xff\xff\xfd\x00"
@@ -165,12 +165,11 @@ class PacketParser:
     """Bytes in, packets out, whatever is lost or altered between them. Counts what it refuses.
 
     max_length: the longest length field to wait for; a longer one is taken for an altered one.
-    wanted: which (id, length) can come, if known: it spares waiting for the end of a packet with an altered length.
     """
 
-    def __init__(self, max_length: int = 1024, wanted: Callable[[int, int], bool] | None = None) -> None:
-        self.bad_packets = self.skipped_bytes = 0
-        self._max_length, self._wanted = max_length, wanted
+    def __init__(self, max_length: int = 1024) -> None:
+        self.bad_packets = 0
+        self._max_length = max_length
         self._buffer = bytearray()
 
     def feed(self, data: bytes, *, last: bool = False) -> list[Packet]:
@@ -182,12 +181,12 @@ class PacketParser:
             found = decode(bytes(buffer[:end])) if end <= len(buffer) else None
             if found is None:
                 self.bad_packets += 1
-                self._skip(1)
+                del buffer[:1]
             else:
                 packets.append(found)
                 del buffer[:end]
         if last:
-            self._skip(len(buffer))
+            buffer.clear()
         return packets
 
     def _next(self) -> int | None:
@@ -196,20 +195,16 @@ class PacketParser:
         while True:
             start = buffer.find(HEADER)
             if start < 0:
-                self._skip(max(0, len(buffer) - len(HEADER) + 1))
+                del buffer[: max(0, len(buffer) - len(HEADER) + 1)]
                 return None
-            self._skip(start)
+            del buffer[:start]
             if len(buffer) < PREFIX_BYTES:
                 return None
             (length,) = _U16.unpack_from(buffer, 5)
-            if LEAST_LENGTH <= length <= self._max_length and (not self._wanted or self._wanted(buffer[4], length)):
+            if LEAST_LENGTH <= length <= self._max_length:
                 return PREFIX_BYTES + int(length)
             self.bad_packets += 1
-            self._skip(1)
-
-    def _skip(self, count: int) -> None:
-        self.skipped_bytes += count
-        del self._buffer[:count]
+            del buffer[:1]
 
 
 def decode(frame: bytes) -> Packet | None:

@@ -1,8 +1,7 @@
 """Which Dynamixel servos answer on a port, at which baud rate; with the maker's own library."""
 
-import argparse
 import contextlib
-import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,13 +9,14 @@ from dataclasses import dataclass
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
 from core import robot_time as time
+from core.arguments import ArgumentParser
+from hal.calibration.consent import DEVICE, DONE, run_command
 from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
 from hal.dynamixel.models import known_models
 from hal.dynamixel.port import ServoPort, latency_timer_ms
 from hal.wire.lock import WireLock, wire_name
 
-DONE, NO_DEVICE = 0, 4
 PROTOCOL = 2.0
 READ_TIMEOUT_S = 0.001
 TRIES = 20
@@ -62,26 +62,25 @@ def torque_off(device: str, baud: int, ids: Sequence[int]) -> list[int]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command `hal/scan_dynamixel`. Returns the exit code."""
-    given = _parser().parse_args(arguments)
-    try:
-        found = scan(given.port, given.baud)
-        for servo in found:
-            print(f"{servo.baud:>8} baud  id {servo.id:>3}  {servo.model}, firmware {servo.firmware}")
-        if (latency_ms := latency_timer_ms(given.port)) is not None:
-            print(f"latency timer of {given.port}: {latency_ms} ms")
-        if not found:
-            print(f"error: nothing answers on {given.port}", file=sys.stderr)
-            return NO_DEVICE
-        failed = []
-        if given.torque_off:
-            for baud in sorted({servo.baud for servo in found}):
-                failed += torque_off(given.port, baud, [servo.id for servo in found if servo.baud == baud])
-            print("torque off" + (f", not confirmed by {failed}" if failed else ""))
-        return NO_DEVICE if failed else DONE
-    except DeviceError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return NO_DEVICE
+    """The command `hal/scan_dynamixel`. Returns 0 done or stopped, 2 bad input, 4 where nothing answers, a servo keeps
+    its torque, or the port cannot be used."""
+    return run_command(lambda: _scan(_parser().parse_args(arguments)))
+
+
+def _scan(given: Namespace) -> int:
+    found = scan(given.port, given.baud)
+    for servo in found:
+        print(f"{servo.baud:>8} baud  id {servo.id:>3}  {servo.model}, firmware {servo.firmware}")
+    if (latency_ms := latency_timer_ms(given.port)) is not None:
+        print(f"latency timer of {given.port}: {latency_ms} ms")
+    if not found:
+        raise DeviceError(f"nothing answers on {given.port}")
+    failed = []
+    if given.torque_off:
+        for baud in sorted({servo.baud for servo in found}):
+            failed += torque_off(given.port, baud, [servo.id for servo in found if servo.baud == baud])
+        print("torque off" + (f", not confirmed by {failed}" if failed else ""))
+    return DEVICE if failed else DONE
 
 
 @contextmanager
@@ -111,12 +110,12 @@ def _set_baud(port: PortHandler, baud: int) -> None:
     port.ser.timeout = READ_TIMEOUT_S  # the library polls its port; this lets it sleep meanwhile
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> ArgumentParser:
     bauds = [baud for baud in r.BAUDS if baud != 4_500_000]
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="hal/scan_dynamixel",
         description="List the Dynamixel servos that answer on a serial port.",
-        epilog="Exit codes: 0 done, 2 usage, 4 nothing answers or the port cannot be used.",
+        epilog="Exit codes: 0 done or stopped, 2 bad input, 4 nothing answers or the port cannot be used.",
         allow_abbrev=False,
     )
     parser.add_argument("port", metavar="DEVICE", help="such as /dev/ttyUSB0")

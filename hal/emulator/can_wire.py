@@ -2,8 +2,8 @@
 
 import secrets
 import socket
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
+from typing import Protocol
 
 from hal.can.endpoints import endpoint_arguments
 from hal.can.frame import CLASSIC_LENGTH_MAX, Frame
@@ -18,7 +18,7 @@ SLCAN_END = b"\r"
 SLCAN_HEADERS = {"t": (3, False), "T": (8, True)}
 
 
-class Wire(ABC):
+class Wire(Protocol):
     """Frames from and to a host. For one thread."""
 
     endpoint: str
@@ -28,77 +28,38 @@ class Wire(ABC):
         """What can be waited for; empty where one has to look now and then."""
         return ()
 
-    @abstractmethod
     def receive(self, ready: Collection[File]) -> list[Frame]:
         """What has been sent to the devices. Does not wait. ready: those of `files` from which one can read."""
+        ...
 
-    @abstractmethod
     def send(self, frames: Sequence[Frame]) -> None:
         """Give frames to the host."""
+        ...
 
-    @abstractmethod
     def unplug(self) -> None:
         """The adapter goes away. May be repeated; `plug_in` brings it back."""
+        ...
 
     def plug_in(self) -> None:
         """The adapter is there. May be repeated."""
-        return
+        ...
 
-    @abstractmethod
     def close(self) -> None:
         """End. May be repeated."""
+        ...
 
 
 def open_wire(bus: BusEntry) -> Wire:
     """The bus's transport: as its line in the file says, else socketcand, or udp_multicast where it is FD."""
     match bus.emulated_as or ("udp_multicast" if bus.fd else "socketcand"):
         case "socketcand":
-            return SocketcandWire()
+            return SocketcandServer()
         case "slcan":
             return SlcanWire(bus)
         case "virtual":
             return LinkWire(bus, f"virtual://{bus.name}-{secrets.token_hex(4)}")
         case _:
             return LinkWire(bus, f"udp_multicast://{GROUP}:{_free_port()}")
-
-
-class SocketcandWire(Wire):
-    """TCP on loopback, between processes."""
-
-    def __init__(self) -> None:
-        self._server = SocketcandServer()
-        self.endpoint = self._server.endpoint
-        self._away = False
-
-    @property
-    def files(self) -> Sequence[File]:
-        """See Wire."""
-        return self._server.sockets
-
-    def receive(self, ready: Collection[File]) -> list[Frame]:
-        """See Wire."""
-        frames = self._server.receive(ready)
-        if self._away:
-            self._server.hang_up()
-            return []
-        return frames
-
-    def send(self, frames: Sequence[Frame]) -> None:
-        """See Wire."""
-        self._server.send(frames)
-
-    def unplug(self) -> None:
-        """See Wire."""
-        self._away = True
-        self._server.hang_up()
-
-    def plug_in(self) -> None:
-        """See Wire."""
-        self._away = False
-
-    def close(self) -> None:
-        """See Wire."""
-        self._server.close()
 
 
 class LinkWire(Wire):

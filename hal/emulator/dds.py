@@ -10,7 +10,6 @@ import numpy as np
 from core import robot_time as time
 from core.config import config_file, load_options
 from core.errors import InputError
-from core.rotations import quat_from_axis_angle, quat_mul
 from hal.contract.backend import REST_SPEED_RAD_S
 from hal.dds.driver import COMMAND_TOPIC
 from hal.dds.layout import CMD, STATE
@@ -26,6 +25,7 @@ from hal.emulator.dds_motors import HeldMotors, MotorHealth
 from hal.emulator.dds_service import MODES, MotionServer
 from hal.emulator.device import DeviceSide, Worker
 from hal.emulator.faults import DelayLine, FaultKind, Faults
+from hal.emulator.imu import IMU_FAULTS, disturbed
 from hal.emulator.robot import NO_TORQUE, EmulatedRobot, Values
 
 WIRE = "lowstate"
@@ -33,7 +33,6 @@ WRONG_MACHINE = 4
 VERSION = (1, 0)
 MOTOR_VOLTS = 48.0
 IMU_CELSIUS = 40
-FORWARD = np.array([0.0, 1.0, 0.0])
 Sent = tuple[bytes, np.ndarray]
 
 
@@ -51,8 +50,7 @@ class DdsDevice(DeviceSide):
         "tick_stands": FaultKind("LowState is repeated with the same tick"),
         "parallel_mode": FaultKind("reports mode_pr 1"),
         "unfilled": FaultKind("checksum, mode_machine and tick of LowState stay 0, as in the maker's simulator"),
-        "imu_units": FaultKind("the accelerometer's scale; value: factor", 1.0 / 9.81),
-        "imu_tilt": FaultKind("the orientation leans forward; value: rad", 0.3),
+        **IMU_FAULTS,
         **BATTERY_FAULTS,
     }
 
@@ -272,12 +270,9 @@ class DdsDevice(DeviceSide):
     def _fill_imu(self, quat_wxyz: np.ndarray, ang_vel_b: np.ndarray, acc_b: np.ndarray) -> None:
         if not self._faults.hears("imu") or self._faults.fate("imu").lost:
             return
-        if (lean_rad := self._faults.value("imu_tilt", "imu")) is not None:
-            quat_wxyz = quat_mul(quat_wxyz, quat_from_axis_angle(FORWARD, np.array(lean_rad)))
-        scale = self._faults.value("imu_units", "imu")
+        quat_wxyz, acc_b = disturbed(self._faults, quat_wxyz, acc_b)
         imu = self._state["imu_state"]
-        imu["quaternion"], imu["gyroscope"] = quat_wxyz, ang_vel_b
-        imu["accelerometer"] = acc_b if scale is None else acc_b * scale
+        imu["quaternion"], imu["gyroscope"], imu["accelerometer"] = quat_wxyz, ang_vel_b, acc_b
         imu["rpy"], imu["temperature"] = _roll_pitch_yaw(quat_wxyz), IMU_CELSIUS
 
     def _command_as_another(self) -> None:

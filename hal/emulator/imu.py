@@ -23,6 +23,14 @@ IMU_FAULTS: Mapping[str, FaultKind] = {
 }
 
 
+def disturbed(faults: Faults, quat_wxyz: np.ndarray, acc_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What an IMU with these faults says of an orientation (4,) wxyz and a specific force (3,) m/s^2."""
+    if (lean_rad := faults.value("imu_tilt", KEY)) is not None:
+        quat_wxyz = quat_mul(quat_wxyz, quat_from_axis_angle(FORWARD, np.array(lean_rad)))
+    scale = faults.value("imu_units", KEY)
+    return quat_wxyz, acc_b if scale is None else acc_b * scale
+
+
 class ImuLine:
     """One emulated IMU. It listens on `path` after `start`. Its faults go by the key `imu`."""
 
@@ -76,11 +84,7 @@ class ImuLine:
 
     def _frame(self) -> bytes:
         measured = self._robot.measure()
-        quat_wxyz, acc_b = measured.imu_quat_wxyz, measured.imu_acc_b
-        if (lean_rad := self._faults.value("imu_tilt", KEY)) is not None:
-            quat_wxyz = quat_mul(quat_wxyz, quat_from_axis_angle(FORWARD, np.array(lean_rad)))
-        if (scale := self._faults.value("imu_units", KEY)) is not None:
-            acc_b = acc_b * scale
+        quat_wxyz, acc_b = disturbed(self._faults, measured.imu_quat_wxyz, measured.imu_acc_b)
         return self._encode(self._mounting.to_imu(quat_wxyz, measured.imu_ang_vel_b, acc_b))
 
 

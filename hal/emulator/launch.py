@@ -29,7 +29,6 @@ class Emulator:
 
     def __init__(self, process: "subprocess.Popen[bytes]", ready: Mapping[str, Any], errors: IO[bytes]) -> None:
         self._process, self._errors = process, errors
-        self.kind = str(ready["emulator"])
         self.endpoints: dict[str, str] = dict(ready["endpoints"])
         self.control = ControlClient(str(ready["control"]))
 
@@ -37,16 +36,6 @@ class Emulator:
     def pid(self) -> int:
         """Of the emulator's process."""
         return self._process.pid
-
-    @property
-    def running(self) -> bool:
-        """Whether the process still lives."""
-        return self._process.poll() is None
-
-    @property
-    def failure(self) -> str | None:
-        """What it said when it ended by itself; None while it runs."""
-        return None if self.running else _last_words(self._errors) or f"exit code {self._process.returncode}"
 
     def stop(self) -> None:
         """End it. May be repeated."""

@@ -22,32 +22,33 @@ QUICK_ACK = getattr(socket, "TCP_QUICKACK", None)
 
 
 class SocketcandServer:
-    """The daemon, for one thread. Nothing happens but in its calls."""
+    """The daemon: see hal.emulator.can_wire.Wire. TCP on loopback, between processes; while the adapter is away,
+    nobody is let in. Nothing happens but in its calls. endpoint: where to connect.
+    """
 
     def __init__(self) -> None:
         self._listener = socket.create_server((HOST, 0))
         self._listener.setblocking(False)
+        self.endpoint = f"socketcand://{HOST}:{self._listener.getsockname()[1]}/{CHANNEL}"
         self._clients: dict[socket.socket, _Client] = {}
-        self.refused = 0
+        self._away = False
 
     @property
-    def endpoint(self) -> str:
-        """Where to connect."""
-        return f"socketcand://{HOST}:{self._listener.getsockname()[1]}/{CHANNEL}"
-
-    @property
-    def sockets(self) -> list[socket.socket]:
+    def files(self) -> list[socket.socket]:
         """What to wait for with `select`."""
         return [self._listener, *self._clients]
 
     def receive(self, ready: Collection[object]) -> list[Frame]:
-        """Frames that clients have sent. Does not wait. ready: those of `sockets` from which one can read."""
+        """Frames that clients have sent. Does not wait. ready: those of `files` from which one can read."""
         frames: list[Frame] = []
         for connection in list(self._clients):
             if connection in ready and connection in self._clients:  # an earlier one may have lost it
                 self._read(connection, frames)
         if self._listener in ready:
             self._accept()
+        if self._away:
+            self._hang_up()
+            return []
         return frames
 
     def send(self, frames: Iterable[Frame]) -> None:
@@ -57,15 +58,23 @@ class SocketcandServer:
             if client.listens:
                 self._write(connection, text)
 
-    def hang_up(self) -> None:
-        """Lose all clients, as an adapter does that is pulled out."""
-        for connection in list(self._clients):
-            self._drop(connection)
+    def unplug(self) -> None:
+        """Lose all clients, as an adapter does that is pulled out. May be repeated; `plug_in` brings it back."""
+        self._away = True
+        self._hang_up()
+
+    def plug_in(self) -> None:
+        """The adapter is there. May be repeated."""
+        self._away = False
 
     def close(self) -> None:
         """End. May be repeated."""
-        self.hang_up()
+        self._hang_up()
         self._listener.close()
+
+    def _hang_up(self) -> None:
+        for connection in list(self._clients):
+            self._drop(connection)
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -105,11 +114,7 @@ class SocketcandServer:
                 client.raw, client.raw_s = True, time.monotonic()
                 self._write(connection, b"< ok >")
             case ["<", "send", identifier, length, *data] if client.raw:
-                frame = parse_send(identifier, length, data)
-                self.refused += frame is None
-                return frame
-            case _:
-                self.refused += 1
+                return parse_send(identifier, length, data)
         return None
 
     def _pass_on(self, sender: socket.socket, frames: Iterable[Frame]) -> None:

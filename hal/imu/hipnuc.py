@@ -53,7 +53,7 @@ class HipnucParser:
     """See ImuParser. Looks for a header, judges what follows by its CRC, and goes on one byte later where it fails."""
 
     def __init__(self) -> None:
-        self.bad_frames = self.skipped_bytes = 0
+        self.bad_frames = 0
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[ImuSample]:
@@ -62,15 +62,12 @@ class HipnucParser:
         samples: list[ImuSample] = []
         buffer += data
         while True:
-            start = _find_header(buffer)
-            self.skipped_bytes += start
-            del buffer[:start]
+            del buffer[: _find_header(buffer)]
             if len(buffer) < FRAME_BYTES:
                 return samples
             sample = decode(bytes(buffer[:FRAME_BYTES]))
             if sample is None:
                 self.bad_frames += 1
-                self.skipped_bytes += 1
                 del buffer[:1]
             else:
                 samples.append(sample)

@@ -34,7 +34,6 @@ class ImuParser(Protocol):
     """Bytes in, samples out, whatever is lost or altered between them. Counts what it refuses."""
 
     bad_frames: int
-    skipped_bytes: int
 
     def feed(self, data: bytes) -> list[ImuSample]:
         """The samples that are complete with these bytes, oldest first."""

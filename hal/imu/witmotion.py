@@ -46,7 +46,7 @@ class WitmotionParser:
     8 bits, and the mark 55 is common in data. A set that lacks a packet is dropped."""
 
     def __init__(self) -> None:
-        self.bad_frames = self.skipped_bytes = 0
+        self.bad_frames = 0
         self._buffer = bytearray()
         self._in_step = False
         self._set: list[tuple[int, tuple[int, ...]]] = []
@@ -73,9 +73,7 @@ class WitmotionParser:
         self.bad_frames += self._in_step
         self._in_step = False
         self._set.clear()
-        skip = max(1, self._buffer.find(MARK, 1))
-        self.skipped_bytes += skip
-        del self._buffer[:skip]
+        del self._buffer[: max(1, self._buffer.find(MARK, 1))]
 
     def _take(self, kind: int, words: tuple[int, ...]) -> ImuSample | None:
         """Add a packet to the set; the sample where it completes the set."""

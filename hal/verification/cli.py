@@ -11,7 +11,7 @@ from hal.calibration.consent import DONE, run_command
 from hal.contract.backend import Backend
 from hal.contract.types import DeviceError, LinkLost, NoState
 from hal.open import WIRES, open_backend, wire_config_sha256
-from hal.verification.operator import Operator, Terminal
+from hal.verification.operator import Terminal
 from hal.verification.options import load_verify_options
 from hal.verification.record import RECORDS, VerifiedRecord
 from hal.verification.session import verify
@@ -22,12 +22,12 @@ FIRST_STATE_S = 3.0
 LOOK_S = 0.01
 
 
-def main(arguments: Sequence[str] | None = None, *, operator: Operator | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, *, operator: Terminal | None = None) -> int:
     """Returns 0 verified or stopped, 2 bad input or not agreed, 4 where the robot is another than its files say."""
     return run_command(lambda: _verify(_parser().parse_args(arguments), operator))
 
 
-def _verify(given: argparse.Namespace, operator: Operator | None) -> int:
+def _verify(given: argparse.Namespace, operator: Terminal | None) -> int:
     robot, options, clock = load_robot(given.robot), load_verify_options(given.options), MonotonicClock()
     endpoints = _endpoints(given)
     wire = {"config": given.hal_config, "endpoints": endpoints}

@@ -3,7 +3,6 @@
 import math
 import sys
 from dataclasses import dataclass
-from typing import Protocol
 
 from core.errors import InputError
 
@@ -19,30 +18,6 @@ class Moved:
     sense: str
 
 
-class Operator(Protocol):
-    """Somebody who sees the robot."""
-
-    def ready(self, what: str) -> None:
-        """Say what comes and wait for consent. Raises InputError without it."""
-        ...
-
-    def watch(self, joint: str) -> None:
-        """This joint is about to move."""
-        ...
-
-    def saw(self, moved: Moved) -> str:
-        """What was seen: one of the answers above, or the name of the joint that moved instead."""
-        ...
-
-    def lean(self, direction: str) -> None:
-        """Lean the base "forwards" or "left" by some 15 degrees once this has returned, and hold it there."""
-        ...
-
-    def upright(self) -> None:
-        """Set the base upright again."""
-        ...
-
-
 class Terminal:
     """The operator at standard input, one answer a line; a script's answers count as well. End of input: no consent."""
 
@@ -50,16 +25,16 @@ class Terminal:
         self._joints = joint_names
 
     def ready(self, what: str) -> None:
-        """See Operator."""
+        """Say what comes and wait for consent. Raises InputError without it."""
         if self._line(f"{what}\ntype yes to go on: ") != "yes":
             raise InputError("not agreed, nothing was moved", where="hal/verify", expected="yes")
 
     def watch(self, joint: str) -> None:
-        """See Operator."""
+        """This joint is about to move."""
         print(f"{joint} moves now", flush=True)
 
     def saw(self, moved: Moved) -> str:
-        """See Operator."""
+        """What was seen: one of the answers above, or the name of the joint that moved instead."""
         degrees = math.degrees(moved.pos_rad)
         question = (
             f"{moved.joint} should now be at {degrees:+.0f} degrees, and {moved.sense}.\n"
@@ -73,11 +48,11 @@ class Terminal:
             print(f"not understood: {answer!r}", flush=True)
 
     def lean(self, direction: str) -> None:
-        """See Operator."""
+        """Lean the base "forwards" or "left" by some 15 degrees once this has returned, and hold it there."""
         self._line(f"lean the base {direction} by some 15 degrees after Enter, and hold it there: ")
 
     def upright(self) -> None:
-        """See Operator."""
+        """Set the base upright again."""
         self._line("set the base upright again, then Enter: ")
 
     def _line(self, question: str) -> str:

@@ -7,7 +7,7 @@ from hal.contract.backend import Backend
 from hal.contract.types import DeviceFault, RobotState
 from hal.verification.gentle import GentleMover
 from hal.verification.leaning import AXES, lean_problem, lean_rad, upright_problem
-from hal.verification.operator import AS_SAID, NOTHING, OTHER_ANGLE, OTHER_WAY, Moved, Operator
+from hal.verification.operator import AS_SAID, NOTHING, OTHER_ANGLE, OTHER_WAY, Moved, Terminal
 from hal.verification.options import VerifyOptions
 from hal.verification.senses import sense_of
 from robot.robot import Robot
@@ -17,7 +17,7 @@ class Mismatch(DeviceFault):
     """The robot is not the one that its files describe."""
 
 
-def verify(backend: Backend, robot: Robot, clock: Clock, operator: Operator, options: VerifyOptions) -> None:
+def verify(backend: Backend, robot: Robot, clock: Clock, operator: Terminal, options: VerifyOptions) -> None:
     """Check an open backend whose robot hangs upright, its feet off the ground. Leaves it damped.
 
     Raises Mismatch naming joint or IMU and what is wrong with it, InputError where the operator does not agree,
@@ -34,14 +34,14 @@ def verify(backend: Backend, robot: Robot, clock: Clock, operator: Operator, opt
     verify_joints(backend, robot, clock, operator, options)
 
 
-def verify_imu(backend: Backend, clock: Clock, operator: Operator, options: VerifyOptions) -> None:
+def verify_imu(backend: Backend, clock: Clock, operator: Terminal, options: VerifyOptions) -> None:
     """Upright, then leaning forwards and to the left; nothing is commanded. Raises as `verify`."""
     _require(upright_problem(_until_still(backend, clock, options, lambda state: True), options))
     for direction in AXES:
         _check_lean(backend, clock, operator, direction, options)
 
 
-def verify_joints(backend: Backend, robot: Robot, clock: Clock, operator: Operator, options: VerifyOptions) -> None:
+def verify_joints(backend: Backend, robot: Robot, clock: Clock, operator: Terminal, options: VerifyOptions) -> None:
     """Every joint, one after the other. Raises as `verify`."""
     backend.damp()
     operator.ready("The joints resist when they are moved by hand.")
@@ -51,7 +51,7 @@ def verify_joints(backend: Backend, robot: Robot, clock: Clock, operator: Operat
         _require(joint_problem(moved, operator.saw(moved)))
 
 
-def _move(mover: GentleMover, robot: Robot, index: int, operator: Operator) -> Moved:
+def _move(mover: GentleMover, robot: Robot, index: int, operator: Terminal) -> Moved:
     """Turn one joint, up if it can be."""
     joint = robot.joint_names[index]
     for sign in mover.signs(index):
@@ -78,7 +78,7 @@ def joint_problem(moved: Moved, answer: str) -> str | None:
             return f"{moved.joint}: {answer} moved instead: ids, buses or ports are exchanged"
 
 
-def _check_lean(backend: Backend, clock: Clock, operator: Operator, direction: str, options: VerifyOptions) -> None:
+def _check_lean(backend: Backend, clock: Clock, operator: Terminal, direction: str, options: VerifyOptions) -> None:
     """From rest to rest, however long the operator takes."""
     still = max(1, round(options.settle_s / backend.control_period_s))
     before = _until_still(backend, clock, options, lambda state: True)[-still:]

@@ -20,7 +20,7 @@ from hal.contract.backend import Backend
 from hal.contract.dead_man import DeadMan
 from hal.contract.types import DeviceInfo, LinkLost, NoState, RobotState
 from hal.wire.boards import is_complete, missing
-from hal.wire.driver import DriverFactory
+from hal.wire.driver import LINK_TIMEOUT_S, DriverFactory
 from hal.wire.lock import WireLock
 from hal.wire.outbox import Kind
 from hal.wire.process import WireSetup
@@ -30,7 +30,6 @@ from hal.wire.shared import Boards, error_of
 from robot.robot import Robot
 from world.actuation import JointCommand, damping_command
 
-LINK_TIMEOUT_S = 0.1
 OPEN_LIMIT_S = 60.0
 # With what a run does besides, a stop ends it within 5 s.
 CLOSE_WITHIN_S = 3.0

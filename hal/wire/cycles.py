@@ -14,10 +14,10 @@ KEPT_ROUNDS = 60_000
 
 
 class CycleThread:
-    """Runs one cycle until told to stop. `failed(cycle, error)` hears of every round that raises, `beat()` of each."""
+    """Runs one cycle until told to stop. `failed(name, error)` hears of every round that raises, `beat()` of each."""
 
     def __init__(
-        self, cycle: Cycle, failed: Callable[[Cycle, Exception], None], beat: Callable[[], None] = lambda: None
+        self, cycle: Cycle, failed: Callable[[str, Exception], None], beat: Callable[[], None] = lambda: None
     ) -> None:
         if not cycle.period_s > 0:
             raise ValueError(f"cycle {cycle.name}: got period {cycle.period_s}, expected seconds above 0")
@@ -76,7 +76,7 @@ class CycleThread:
             self.cycle.run(now_s)
         except Exception as error:
             self.failures += 1
-            self._failed(self.cycle, error)
+            self._failed(self.cycle.name, error)
         self._spent_s.append(time.monotonic() - now_s)
 
 

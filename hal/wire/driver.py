@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from hal.contract.types import DeviceInfo
 from hal.wire.boards import StateBoard
 from hal.wire.outbox import Outbox
 from robot.robot import Robot
+
+LINK_TIMEOUT_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -118,4 +120,22 @@ class HandsBack(Protocol):
 
 
 DriverFactory = Callable[[Robot], Driver]
-"""What builds the driver, picklable; a driver's module offers `make_factory(config, endpoints)`, see hal/open.py."""
+"""What builds the driver, picklable."""
+
+
+@dataclass(frozen=True)
+class WireFactory:
+    """What a driver's module offers by `make_factory(config, endpoints)`, see hal/open.py: a DriverFactory.
+
+    driver: a class or function of a module, called with the robot and `options`, which can be pickled; raises
+    InputError where they do not fit. wires: names of what it locks. link_timeout_s: how long everything may be silent.
+    """
+
+    driver: Callable[[Robot, Any], Driver]
+    options: Any
+    wires: tuple[str, ...] = ()
+    link_timeout_s: float = LINK_TIMEOUT_S
+
+    def __call__(self, robot: Robot) -> Driver:
+        """The driver, where the wire is owned."""
+        return self.driver(robot, self.options)

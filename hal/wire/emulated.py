@@ -9,8 +9,8 @@ from core import robot_time
 from core.clock import Clock
 from hal.contract.types import DeviceError, DeviceInfo
 from hal.emulator.launch import Emulator
-from hal.wire.backend import LINK_TIMEOUT_S, WireBackend
-from hal.wire.driver import DriverFactory
+from hal.wire.backend import WireBackend
+from hal.wire.driver import LINK_TIMEOUT_S, DriverFactory
 from hal.wire.pace import PaceTrial
 from robot.robot import Robot
 

@@ -19,7 +19,7 @@ from core import robot_time as time
 from hal import realtime
 from hal.contract.backend import CLOSE_LIMIT_S, REST_HELD_S, REST_SPEED_RAD_S
 from hal.wire.cycles import CycleThread
-from hal.wire.driver import Cycle, Driver, DriverFactory, HandsBack
+from hal.wire.driver import Driver, DriverFactory, HandsBack
 from hal.wire.outbox import Outbox
 from hal.wire.ring import SharedMemory
 from hal.wire.saying import Saying, say
@@ -66,7 +66,7 @@ class WireProcess:
             info = driver.identify()
             self._standby.brief(driver.dampers())
             self._threads = [
-                CycleThread(cycle, self._failed, partial(self._pulse.beat, i))
+                CycleThread(cycle, self._fail, partial(self._pulse.beat, i))
                 for i, cycle in enumerate(driver.start(self._outbox, self._state))
             ]
         except Exception as error:
@@ -194,11 +194,8 @@ class WireProcess:
             return False
         return True
 
-    def _failed(self, cycle: Cycle, error: Exception) -> None:
-        """A round raised; its thread goes on, with damping to send."""
-        self._fail(cycle.name, error)
-
     def _fail(self, what: str, error: Exception) -> None:
+        """A request or a cycle's round raised. The cycles go on, with damping to send."""
         self._outbox.fail()
         with self._lock:
             if what in self._failures:

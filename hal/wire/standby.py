@@ -177,12 +177,12 @@ class Standby:
                 if request == "report":
                     self._loop.send({})
 
-    def _failed(self, cycle: Cycle, error: Exception) -> None:
+    def _failed(self, name: str, error: Exception) -> None:
         with self._lock:
-            if cycle.name in self._said:
+            if name in self._said:
                 return
-            self._said.add(cycle.name)
-        self._say(f"{cycle.name} failed, trying again: {type(error).__name__}: {error}")
+            self._said.add(name)
+        self._say(f"{name} failed, trying again: {type(error).__name__}: {error}")
 
     def _attempt(self, what: str, action: Callable[[], None]) -> None:
         try:

@@ -20,16 +20,15 @@ from typing import Any, Self
 
 from core.errors import InputError
 from hal.can import fault_names
-from hal.can.codec import Codec, CommandKind, DeviceCommand, Found, MotorCommand, MotorModel, MotorState
+from hal.can.codec import DeviceCommand, Found, MotorCommand, MotorModel, MotorState
+from hal.can.codecs.mit import DISABLE, SPECIAL, MitCodec
 from hal.can.codecs.options import checked_id, checked_model, no_more
-from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
+from hal.can.codecs.scaling import pack_mit_state, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
 from hal.can.messages import Feedback, Message
 
 TEMPERATURE_OFFSET_C = 40
 SHORT_STATE, STATE = 6, 8
-SPECIAL = bytes([0xFF] * 7)
-SPECIAL_KINDS = {0xFC: CommandKind.ENABLE, 0xFD: CommandKind.DISABLE, 0xFE: CommandKind.SET_ZERO}
 FAULTS = {
     1: fault_names.MOTOR_OVER_TEMPERATURE,
     2: fault_names.OVER_CURRENT,
@@ -59,7 +58,7 @@ MODELS = {
 
 
 @dataclass(frozen=True)
-class CubemarsCodec(Codec):
+class CubemarsCodec(MitCodec):
     """motor_id: the drive's id. host_id: where it answers, its own id unless set otherwise. Option keeps_zero."""
 
     has_output_encoder: bool = False
@@ -84,39 +83,18 @@ class CubemarsCodec(Codec):
         return self.has_output_encoder
 
     @property
-    def reply_filter(self) -> IdFilter:
-        """See Codec."""
-        return IdFilter(self.host_id, STANDARD_ID_MAX, False)
-
-    @property
     def occupied(self) -> tuple[IdFilter, ...]:
         """The motor's id and that of its answers."""
         ids = dict.fromkeys((self.motor_id, self.host_id))
         return tuple(IdFilter(value, STANDARD_ID_MAX, False) for value in ids)
 
-    def enable(self) -> tuple[Frame, ...]:
-        """See Codec. Enters the motor mode."""
-        return (self._special(0xFC),)
-
-    def disable(self) -> tuple[Frame, ...]:
-        """See Codec. Leaves the motor mode."""
-        return (self._special(0xFD),)
-
     def clear_fault(self) -> tuple[Frame, ...]:
         """See Codec. Leaving the motor mode is all there is: faults that stay need a power cycle."""
         return self.disable()
 
-    def set_zero(self) -> tuple[Frame, ...]:
-        """See Codec. Most models forget it when switched off."""
-        return (self._special(0xFE),)
-
     def request_state(self) -> tuple[Frame, ...]:
         """See Codec. Repeats the leaving of the motor mode."""
         return self.disable()
-
-    def command(self, target: MotorCommand, last: MotorCommand | None = None) -> tuple[Frame, ...]:
-        """See Codec."""
-        return (Frame(self.motor_id, pack_mit_command(target, self.model)),)
 
     def parse(self, frame: Frame) -> Message | None:
         """See Codec."""
@@ -140,7 +118,7 @@ class CubemarsCodec(Codec):
     @classmethod
     def probe(cls, motor_id: int, host_id: int) -> tuple[Frame, ...]:
         """See Codec. Leaving the motor mode is answered with a state."""
-        return (Frame(motor_id, SPECIAL + b"\xfd"),)
+        return (Frame(motor_id, SPECIAL + bytes([DISABLE])),)
 
     @classmethod
     def recognise(cls, frame: Frame) -> Found | None:
@@ -156,10 +134,7 @@ class CubemarsCodec(Codec):
         """See Codec."""
         if frame.arbitration_id != self.motor_id or frame.extended or frame.remote or len(frame.data) != STATE:
             return None
-        if frame.data[:7] == SPECIAL:
-            kind = SPECIAL_KINDS.get(frame.data[7])
-            return None if kind is None else DeviceCommand(kind)
-        return DeviceCommand(CommandKind.CONTROL, unpack_mit_command(frame.data, self.model))
+        return self._understood(frame.data)
 
     def feedback_frames(self, state: MotorState) -> tuple[Frame, ...]:
         """See Codec. 8 bytes; one fault at a time: the first that has a code."""
@@ -167,6 +142,3 @@ class CubemarsCodec(Codec):
         temperature = min(max(round(state.temperature_c) + TEMPERATURE_OFFSET_C, 0), 255)
         values = pack_mit_state(state.pos_rad, state.vel_rad_s, state.torque_nm, self.model)
         return (Frame(self.host_id, bytes([self.motor_id, *values, temperature, codes[0] if codes else 0])),)
-
-    def _special(self, last: int) -> Frame:
-        return Frame(self.motor_id, SPECIAL + bytes([last]))

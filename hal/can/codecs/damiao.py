@@ -19,13 +19,12 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from hal.can import fault_names
 from hal.can.codec import (
     CONTROL_MODE,
     WATCHDOG_S,
-    Codec,
     CommandKind,
     DeviceCommand,
     Found,
@@ -33,8 +32,9 @@ from hal.can.codec import (
     MotorModel,
     MotorState,
 )
+from hal.can.codecs.mit import MitCodec
 from hal.can.codecs.options import checked_id, checked_model, no_more
-from hal.can.codecs.scaling import pack_mit_command, pack_mit_state, unpack_mit_command, unpack_mit_state
+from hal.can.codecs.scaling import pack_mit_state, unpack_mit_state
 from hal.can.frame import STANDARD_ID_MAX, Frame, IdFilter
 from hal.can.messages import Ack, Feedback, Identity, Message, Parameter
 from hal.contract.types import DeviceFault
@@ -56,13 +56,7 @@ REGISTERS = {9: WATCHDOG_S, 10: CONTROL_MODE, 21: POS_RANGE_RAD, 22: VEL_RANGE_R
 NUMBERS = {name: number for number, name in REGISTERS.items()}
 INTEGER_REGISTERS = frozenset((7, 8, 9, 10, 13, 14, 15, 16, 35, 36))
 
-SPECIAL = bytes([0xFF] * 7)
-SPECIAL_KINDS = {
-    0xFC: CommandKind.ENABLE,
-    0xFD: CommandKind.DISABLE,
-    0xFE: CommandKind.SET_ZERO,
-    0xFB: CommandKind.CLEAR_FAULT,
-}
+CLEAR_FAULT = 0xFB
 
 DISABLED, ENABLED = 0, 1
 FAULTS = {
@@ -97,11 +91,12 @@ MODELS = {
 
 
 @dataclass(frozen=True)
-class DamiaoCodec(Codec):
+class DamiaoCodec(MitCodec):
     """motor_id: ESC_ID (register 8). host_id: MST_ID (register 7), on which the motor answers. No options."""
 
     name = "damiao"
     watchdog_fault = fault_names.COMMUNICATION_LOST
+    special_kinds: ClassVar = {**MitCodec.special_kinds, CLEAR_FAULT: CommandKind.CLEAR_FAULT}
 
     @classmethod
     def from_config(cls, motor_id: int, model: str, *, host_id: int | None = None, **options: Any) -> Self:
@@ -122,31 +117,14 @@ class DamiaoCodec(Codec):
         return True
 
     @property
-    def reply_filter(self) -> IdFilter:
-        """See Codec."""
-        return IdFilter(self.host_id, STANDARD_ID_MAX, False)
-
-    @property
     def occupied(self) -> tuple[IdFilter, ...]:
         """The motor's id, also with the offsets of its other modes, and the id of its answers."""
         modes = tuple(IdFilter(self.motor_id + offset, STANDARD_ID_MAX, False) for offset in (0, 0x100, 0x200, 0x300))
         return (*modes, self.reply_filter)
 
-    def enable(self) -> tuple[Frame, ...]:
-        """See Codec."""
-        return (self._special(0xFC),)
-
-    def disable(self) -> tuple[Frame, ...]:
-        """See Codec. May be lost: repeat until the state says disabled."""
-        return (self._special(0xFD),)
-
     def clear_fault(self) -> tuple[Frame, ...]:
         """See Codec."""
-        return (self._special(0xFB),)
-
-    def set_zero(self) -> tuple[Frame, ...]:
-        """See Codec."""
-        return (self._special(0xFE),)
+        return (self._special(CLEAR_FAULT),)
 
     def request_state(self) -> tuple[Frame, ...]:
         """See Codec."""
@@ -156,7 +134,7 @@ class DamiaoCodec(Codec):
         """See Codec. kp needs a kd above 0: the vendor's manual warns of oscillation without."""
         if target.kp > 0 and target.kd == 0:
             raise ValueError(f"damiao motor {self.motor_id}: got kp {target.kp:g} with kd 0, expected kd above 0")
-        return (Frame(self.motor_id, pack_mit_command(target, self.model)),)
+        return super().command(target, last)
 
     def set_watchdog(self, timeout_s: float) -> tuple[Frame, ...]:
         """See Codec."""
@@ -240,10 +218,7 @@ class DamiaoCodec(Codec):
             return self._parse_request(data)
         if frame.arbitration_id != self.motor_id:
             return None
-        if data[:7] == SPECIAL:
-            kind = SPECIAL_KINDS.get(data[7])
-            return None if kind is None else DeviceCommand(kind)
-        return DeviceCommand(CommandKind.CONTROL, unpack_mit_command(data, self.model))
+        return self._understood(data)
 
     def _parse_request(self, data: bytes) -> DeviceCommand | None:
         if data[0] | data[1] << 8 != self.motor_id:
@@ -283,9 +258,6 @@ class DamiaoCodec(Codec):
         else:
             return ()
         return (replace(answer, arbitration_id=self.host_id),)
-
-    def _special(self, last: int) -> Frame:
-        return Frame(self.motor_id, SPECIAL + bytes([last]))
 
 
 def _register_frame(motor_id: int, action: int, register: int = 0, value: bytes = bytes(4)) -> Frame:

@@ -78,6 +78,11 @@ def test_scan_without_a_file_and_the_table_of_loads(capsys: pytest.CaptureFixtur
     assert "--ids, got 0-300" in capsys.readouterr().err
 
 
+def test_scan_of_a_bus_that_is_not_in_the_file_is_refused(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scan.main(["--config", str(path), "--bus", "bsu"]) == 2
+    assert capsys.readouterr().err.startswith("error: --bus: unknown bus, got bsu, expected one of bus")
+
+
 @pytest.mark.parametrize(("joint", "by"), [(HIP, 0.2), (KNEE, -0.15)])
 def test_jog_turns_one_joint_gently(line, joint: str, by: float, capsys: pytest.CaptureFixture[str]) -> None:
     options, bus = line
@@ -247,6 +252,16 @@ def test_zero_by_hand(line, path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert path.read_text() == YAML
     assert zero.main([HIP, *options, "--angle", "0.2", "--write"], ask=agree(HIP)) == 0
     assert re.sub(r"zero_rad: -0\.0[45]\d+", "zero_rad: 0.25", path.read_text()) == YAML
+
+
+def test_the_servos_own_zero_is_not_set_while_it_is_driven(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened: list[object] = []
+    monkeypatch.setattr("hal.can.link._opened", lambda **given: opened.append(given))
+    assert zero.main([HIP, "--config", str(path), "--stop", "lower", "--in-motor"], ask=agree(HIP)) == 2
+    assert capsys.readouterr().err == "error: --in-motor, got --stop lower, expected a joint that is held by hand\n"
+    assert opened == []
 
 
 @pytest.mark.parametrize(("stop", "wrong_rad"), [("upper", 0.0), ("lower", 0.7)])

@@ -163,7 +163,7 @@ def test_garbage_does_not_end_the_daemon() -> None:
 
 
 def receive(server: SocketcandServer, wait_s: float) -> list[Frame]:
-    return server.receive(select.select(server.sockets, (), (), wait_s)[0])
+    return server.receive(select.select(server.files, (), (), wait_s)[0])
 
 
 def test_serial_lines() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.config import config_file
 from hal.contract.types import DeviceInfo
-from hal.dds.driver import DdsDriver, DdsFactory
+from hal.dds.driver import DdsDriver
 from hal.dds.options import load_dds_options
 from hal.emulator.launch import Emulator
 from hal.wire.boards import Snapshot
@@ -34,7 +34,7 @@ def wait(condition: Callable[[], Any], limit_s: float = LIMIT_S) -> Any:
 def driver_for(emulator: Emulator, **changes: Any) -> DdsDriver:
     options = load_dds_options(config_file("hal", "dds"), emulator.endpoints)
     patient = {"command_hz": 100.0, "state_wait_s": LIMIT_S, "observe_s": 0.5}
-    return DdsFactory(replace(options, **(patient | changes)))(G1)
+    return DdsDriver(G1, replace(options, **(patient | changes)))
 
 
 class Host:

@@ -13,10 +13,11 @@ pytest.importorskip("cyclonedds")
 from core.clock import MonotonicClock
 from core.config import config_file
 from hal.contract.types import DeviceFault, LinkLost
-from hal.dds.driver import DdsFactory
+from hal.dds.driver import DdsDriver
 from hal.emulator import control, launch
 from hal.emulator.launch import Emulator, launch_emulator
 from hal.wire.backend import WireBackend
+from hal.wire.driver import WireFactory
 from tests.hal.dds.host import LIMIT_S, Host, driver_for, wait
 from tests.hal.rigs import G1
 
@@ -132,7 +133,7 @@ def test_a_robot_that_has_restarted_is_taken_over_anew(emulator: Emulator) -> No
 
 def closed(emulator: Emulator, *, hand_back: bool) -> dict[str, Any]:
     """A run of the whole backend that damps, and what the robot says once it is over."""
-    factory = DdsFactory(driver_for(emulator)._options)
+    factory = WireFactory(DdsDriver, driver_for(emulator)._options)
     times: dict[str, Any] = {"control_period_s": 0.1, "link_timeout_s": 5.0}
     with WireBackend("dds", G1, MonotonicClock(), factory, **times) as backend:
         backend.damp()

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hal.contract.types import DeviceError, DeviceFault
 from hal.dynamixel import registers as r
-from tests.hal.dynamixel.rigs import ROBOT, Bench, hold
+from tests.hal.dynamixel.rigs import ROBOT, Bench, g1_options, hold
 
 KNEE = "left_knee_joint"
 ROW = ROBOT.joint_names.index(KNEE)
@@ -212,6 +213,17 @@ def test_a_zero_that_is_lost_is_a_fault_that_no_word_clears(bench: Bench) -> Non
     bench.until(lambda: any("its zero is lost" in name for name in bench.shown))
     with pytest.raises(DeviceFault, match="outside its range"):
         bench.during(bench.driver.acknowledge)
+
+
+def test_a_servo_whose_turns_are_not_looked_for_has_lost_no_zero_where_it_reads_a_turn_away() -> None:
+    servos = tuple(replace(servo, fold=servo.joint != KNEE) for servo in g1_options().servos)
+    with Bench(servos=servos) as bench:
+        bench.begin()
+        bench.until(lambda: heard_since(bench, -np.inf).all())
+        bench.faults.add("power_cycled_zero", KNEE)
+        bench.until(lambda: bench.snapshot.joint_pos_rad[ROW] > ROBOT.pos_upper_rad[ROW])
+        bench.rounds(2)
+        assert bench.shown == ()
 
 
 def test_everything_that_is_wrong_is_named_at_once(bench: Bench) -> None:

@@ -37,6 +37,33 @@ def test_a_port_that_does_not_exist_is_said(capsys: pytest.CaptureFixture[str]) 
     assert "error: cannot open no/such" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("raised", "code", "said"),
+    [
+        (KeyboardInterrupt(), 0, "stopped\n"),
+        (OSError(5, "Input/output error"), 4, "error: [Errno 5] Input/output error\n"),
+    ],
+)
+def test_what_ends_a_scan_is_one_line(
+    raised: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def end(*_: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("hal.dynamixel.scan.PacketHandler", end)
+    master, slave = pty.openpty()
+    assert main([os.ttyname(slave), "--baud", "1000000"]) == code
+    assert capsys.readouterr().err == said
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_wrong_command_line_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--baud", "fast"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ") and err.count("\n") == 1 and "hal/scan_dynamixel --help" in err
+
+
 def test_a_port_that_is_in_use_or_on_which_somebody_speaks_is_left_alone() -> None:
     master, slave = pty.openpty()
     device = os.ttyname(slave)

@@ -5,7 +5,6 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from hal.contract.types import DeviceError, DeviceFault, DeviceInfo
 from hal.simulated.faults import MockFault
 from hal.simulated.mock import MockBackend, MockOptions
 from hal.wire.backend import WireBackend
-from hal.wire.driver import Cycle
+from hal.wire.driver import Cycle, WireFactory
 from hal.wire.outbox import Kind
 from robot.robot import Robot
 from tests.hal.rigs import G1
@@ -44,7 +43,6 @@ class FakeFactory:
     enable_fails: bool = False
     acknowledge_s: float = 0.0
     buttons: tuple[str, ...] = ()
-    link_timeout_s: ClassVar[float] = 2.0  # of what hal.open opens: a busy machine is silent longer than a device
     charge: float | None = None
     options: MockOptions = field(default_factory=lambda: MockOptions(0.2, 0.1, 35.0))
 
@@ -172,7 +170,8 @@ def make_factory(config, endpoints):
     journal = os.environ.get("FAKE_WIRE_JOURNAL")
     place = Path(journal) if journal else None
     how = json.loads(os.environ.get("FAKE_WIRE", "{}"))
-    return FakeFactory(journal=place, buttons=tuple(endpoints), **how)
+    setup = FakeFactory(journal=place, buttons=tuple(endpoints), **how)
+    return WireFactory(FakeDriver, setup, link_timeout_s=2.0)  # a busy machine is silent longer than a device
 
 
 def fake_backend(robot=G1, control_period_s=0.02, **setup):

@@ -1,10 +1,12 @@
 """One program at a time on a wire, seen by the programs."""
 
 import multiprocessing
+import subprocess
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -58,6 +60,41 @@ def test_a_backend_holds_its_wires_while_it_is_open(tmp_path: Path, monkeypatch:
         assert first.process_id is not None
     with WireLock(("can0",), tmp_path):
         assert first.process_id is None
+
+
+class Over(subprocess.Popen):
+    """A process that has ended before it is told anything."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.wait()
+
+
+def no_process(*_: object, **__: object) -> None:
+    raise OSError("no process can be started")
+
+
+@pytest.mark.parametrize(
+    ("start", "error", "said"),
+    [
+        (subprocess.Popen, DeviceError, "ended or hangs without an answer"),
+        (Over, DeviceError, "ended or hangs without an answer"),
+        (no_process, OSError, "no process can be started"),
+    ],
+)
+def test_a_wire_process_that_never_gets_to_its_wire_lets_go_of_it(
+    start: object, error: type[Exception], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lock, "_folder", lambda: tmp_path)
+    monkeypatch.setattr("hal.wire.backend.MAIN", "import sys; sys.exit(3)")
+    monkeypatch.setattr("hal.wire.backend.subprocess.Popen", start)
+    backend = WireBackend("fake", G1, MonotonicClock(), FakeFactory(), wires=("can0",))
+    for _ in range(2):
+        with pytest.raises(error, match=said):
+            backend.open()
+        assert backend.process_id is None
+    with WireLock(("can0",), tmp_path):
+        pass
 
 
 @pytest.mark.parametrize(
