@@ -70,8 +70,7 @@ class WireBackend(Backend):
         self._damping = damping_command(robot.damping_kd)
         self._dead_man = DeadMan(control_period_s)
         self._process: subprocess.Popen[bytes] | None = None
-        self._commanded = False
-        self._close_s = 0.0
+        self._commanded, self._close_s = False, 0.0
         self._lock = WireLock(wires)
 
     @property
