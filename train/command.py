@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import InputError
+from core.signals import StopRequest
 from train.config import check, compose_document
 from train.folder import ACTOR_FILE
 from train.origins import told
@@ -44,9 +45,9 @@ def execute(arguments: Sequence[str]) -> None:
 
 def _train(setup: Setup) -> None:
     """The run, and the last mile where it is asked for: a run of its own in a folder of this one's."""
-    if train(setup) != "completed" or setup.config.last_mile == "none":
-        return
-    train(new_setup(_last_mile(setup)))
+    stop = StopRequest()
+    if train(setup, stop) == "completed" and setup.config.last_mile != "none" and not stop.asked:
+        train(new_setup(_last_mile(setup)), stop)
 
 
 def _last_mile(setup: Setup) -> dict[str, Any]:

@@ -47,11 +47,15 @@ from train.world_model.learner import WorldModelLearner
 EVALUATION_SEED = 12345
 
 
-def train(setup: Setup) -> Outcome:
-    """Train, export and sum up; say how it ended. NonFiniteError if a number stops being finite."""
+def train(setup: Setup, stop: StopRequest) -> Outcome:
+    """Train, export and sum up; say how it ended: what is asked of ``stop`` after the last iteration changes nothing.
+
+    Raises:
+        NonFiniteError: a number stopped being finite.
+    """
     config = setup.followable
     torch.set_num_threads(config.torch_threads)
-    stop, started_s = StopRequest(), time.monotonic()
+    started_s = time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
     env = environment_of(setup)
     _begin_folder(setup)

@@ -232,7 +232,7 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
     nearest_preset({})  # composed once for a process, as this machine has it
     monkeypatch.setattr("train.config.resolve_device", lambda wanted: "cuda" if wanted == "auto" else wanted)
 
-    def completed(setup):
+    def completed(setup, stop):
         begun.append(setup)
         setup.run_dir.mkdir(parents=True, exist_ok=True)
         shutil.copy(trained / "actor.onnx", setup.run_dir)
