@@ -11,7 +11,7 @@ from train.folder import ACTOR_FILE
 from train.origins import told
 from train.report.preset import nearest_preset
 from train.session import replay_dump, train
-from train.setup import Setup, new_setup, resumed_setup
+from train.setup import Setup, check_new_run, new_setup, resumed_setup
 
 LAST_MILE = "last_mile"  # preset and folder
 HANDED_ON = ("motion", "motions", "robot", "seed", "precision", "device", "threads")
@@ -45,8 +45,10 @@ def execute(arguments: Sequence[str]) -> None:
 
 def _train(setup: Setup) -> None:
     """The run, and the last mile where it is asked for: a run of its own in a folder of this one's."""
-    stop = StopRequest()
-    if train(setup, stop) == "completed" and setup.config.last_mile != "none" and not stop.asked:
+    last_mile, stop = setup.config.last_mile != "none", StopRequest()
+    if last_mile:
+        check_new_run(setup.run_dir / LAST_MILE)  # before the hours that come first
+    if train(setup, stop) == "completed" and last_mile and not stop.asked:
         train(new_setup(_last_mile(setup)), stop)
 
 

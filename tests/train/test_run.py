@@ -18,7 +18,7 @@ from robot.robot import load_robot
 from tests.train.point_mass_run import rows
 from tests.train.worlds import beginning_of
 from train import command, session
-from train.checkpoint import save_state
+from train.checkpoint import Checkpoints, save_state
 from train.run import main
 
 pytestmark = pytest.mark.usefixtures("light")
@@ -137,6 +137,19 @@ def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path,
         "outcome"
     ] == "stopped"
     assert [entry.name for entry in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_run_whose_last_mile_has_begun_is_not_trained_on(capsys, tmp_path):
+    run_dir = tmp_path / "run"
+    clip = beginning_of("stand", 2.0, tmp_path)
+    assert main([*SHORT, f"motion={clip}", "iterations=1", f"run_dir={run_dir}"]) == 0
+    state = Checkpoints(run_dir).load_newest()
+    state["config"] |= {"last_mile": "ppo"}
+    Checkpoints(run_dir).save(2, state)
+    (run_dir / "last_mile" / "checkpoints").mkdir(parents=True)
+    capsys.readouterr()
+    assert f"{run_dir / 'last_mile'}" in failed(capsys, f"resume={run_dir}", "iterations=3")
+    assert len(rows(run_dir)) == 1
 
 
 def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginning(tmp_path, monkeypatch):
