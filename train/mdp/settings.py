@@ -94,7 +94,7 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class ClipSettings:
-    """How the clip of an episode is drawn where there are several; see :class:`train.mdp.command.ClipSampler`.
+    """How the clip of an episode is drawn where there are several; see :class:`train.mdp.clip_sampler.ClipSampler`.
 
     ``floor``: share of episodes whose clip is drawn uniformly. ``cap``: by failure a clip gets at most so many times
     the uniform share. ``set_aside``: names of clips that the run does without (:mod:`train.setup`).
