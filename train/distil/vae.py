@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from train.distil.losses import Prediction
 from train.distil.normalizer import RunningNormalizer
 from train.learner.gaussian import kl_divergence
-from train.learner.networks import ActorNetwork, Mlp
+from train.learner.networks import ActorNetwork, Mlp, Residual
 from train.learner.storage import Minibatch
 
 PRIOR, ENCODER = "prior", "encoder"
@@ -38,8 +38,8 @@ class Gaussian(NamedTuple):
         return self.mean + torch.exp(self.log_std) * noise
 
 
-class PriorDecoder(nn.Module):
-    """What is deployed: a :class:`train.learner.networks.Residual`.
+class PriorDecoder(Residual):
+    """What is deployed.
 
     The last layers are in fp32. Where training rounds what they multiply to bf16, half precision is finer than that.
 
@@ -55,24 +55,6 @@ class PriorDecoder(nn.Module):
         self.prior, self.decoder = prior, decoder
         self.half_suffices = decoder.low_precision  # of training: it stays true of a copy in fp32
         self._seen_by_decoder = decoder.input_size - self.latent_size
-
-    @property
-    def output(self) -> nn.Linear:
-        """The last layer."""
-        return self.decoder.output
-
-    @property
-    def low_precision(self) -> bool:
-        """Whether products are in bf16."""
-        return self.decoder.low_precision
-
-    @low_precision.setter
-    def low_precision(self, value: bool) -> None:
-        self.prior.low_precision = self.decoder.low_precision = value
-
-    def stored(self, x: Tensor) -> Tensor:
-        """x as it is kept for a later pass."""
-        return x
 
     def decoded(self, normalized: Tensor, latent: Tensor) -> Tensor:
         """(n, J) of the normalised observation (n, Da) and a latent (n, Z)."""
