@@ -154,6 +154,7 @@ def test_a_run_whose_last_mile_has_begun_is_not_trained_on(capsys, tmp_path):
 
 def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginning(tmp_path, monkeypatch):
     """The run is complete by then; what was asked for still holds."""
+
     def interrupted(report):
         os.kill(os.getpid(), signal.SIGINT)
         return report
