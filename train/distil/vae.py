@@ -85,12 +85,15 @@ class Encoder(nn.Module):
 
 
 class ConditionalVae(nn.Module):
-    """See :class:`train.distil.student.Student`.
+    """Acts and predicts in :data:`WAYS`, of which the first is how it is deployed.
 
     Args:
-        actor: with a :class:`PriorDecoder`.
+        actor: what is deployed, with a :class:`PriorDecoder`.
         encoder: of the latent, in training.
         goal: columns (G,) of the teacher's observation that are its goal.
+
+    Attributes:
+        noise_size: Z; normal numbers that are drawn for each episode.
     """
 
     ways: tuple[str, ...] = WAYS
@@ -105,11 +108,14 @@ class ConditionalVae(nn.Module):
         return cast(PriorDecoder, self.actor.mlp)
 
     def look(self, observations: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """The actor's observation and the teacher's goal."""
+        """What it acts on and learns from, by name; it is kept: the actor's observation and the teacher's goal."""
         return {"actor": observations["actor"], "goal": observations["teacher"][:, self._goal]}
 
     def act(self, way: str, seen: Mapping[str, Tensor], noise: Tensor) -> Tensor:
-        """At the prior's mean, or where the encoder and the episode's noise put the latent."""
+        """Raw actions (n, J) of what :meth:`look` returned.
+
+        At the prior's mean, or where the encoder and the episodes' noise (n, Z) put the latent.
+        """
         if way == PRIOR:
             return self.actor(seen["actor"])
         x = self._deployed.normalizer(seen["actor"])
@@ -117,7 +123,10 @@ class ConditionalVae(nn.Module):
         return self._action(seen["actor"], x, latent)
 
     def predict(self, samples: Minibatch) -> Prediction:
-        """The action of a latent of the encoder's; figures: what the prior's mean, as deployed, is off."""
+        """Of n samples of what :meth:`look` returned, the episodes' ``noise`` and the teacher's ``label``.
+
+        The action is of a latent of the encoder's; figures: what the prior's mean, as deployed, is off.
+        """
         seen, label = samples["actor"], samples["label"]
         x = self._deployed.normalizer(seen)
         prior = Gaussian.of(self._deployed.prior(x))
@@ -137,10 +146,10 @@ class ConditionalVae(nn.Module):
         return added if prior is None else prior(observation) + added
 
     def normalize(self, samples: Minibatch) -> None:
-        """See :class:`train.distil.student.Student`."""
+        """Take in what was seen since the last call."""
         self._deployed.normalizer.update(samples["actor"])
         self.encoder.normalizer.update(samples["goal"])
 
     def beside_actor(self) -> Mapping[str, nn.Module]:
-        """The encoder."""
+        """What else of it learns, by name."""
         return {ENCODER: self.encoder}
