@@ -1,4 +1,4 @@
-"""Networks, plugs and learner from the configuration."""
+"""Networks and learner from the configuration."""
 
 from functools import partial
 
@@ -6,14 +6,12 @@ import torch
 
 from robot.robot import Robot
 from train.config import TrainConfig
-from train.distributed import reduce_here
 from train.interface import Environment, width
 from train.learner.antithetic import Antithetic
 from train.learner.exploration import Exploration, ExplorationSettings, Gaussian
 from train.learner.heads import ValueHeads
-from train.learner.losses import WeightedSum
 from train.learner.networks import ActorNetwork, CriticNetwork, Mlp
-from train.learner.ppo import Plugs, Ppo
+from train.learner.ppo import Ppo
 from train.mdp.tracking import ACTION_SCALE
 from train.world_model.policy import BoundedResidual, CarryingTargets, Layout
 
@@ -29,12 +27,12 @@ def build_learner(config: TrainConfig, env: Environment, robot: Robot) -> Ppo:
     """A learner that fits ``env``. Same configuration, same initial weights, on whatever device."""
     settings, device = config.learner, config.device
     heads = ValueHeads.of(config.value, env.reward_names)
-    plugs = Plugs(exploration_of(settings.exploration), WeightedSum.of(settings), heads, reduce_here())
     return Ppo(
         _actor(config, env, robot).to(device),
         _critic(config, env, len(heads)).to(device),
         settings,
-        plugs,
+        exploration_of(settings.exploration),
+        heads,
         noise=_generator(config.seed, "noise", device),
         shuffle=_generator(config.seed, "shuffle", device),
     )
