@@ -164,11 +164,11 @@ def environment_of(setup: Setup) -> Environment:
     build = partial(
         build_environment, config.environment, setup.robot, setup.references, seed=config.seed, device=config.device
     )
-    exploration = config.learner.exploration
-    if exploration.kind == "gaussian":
+    learnt = None if config.world_model or config.distil else config.learner
+    if learnt is None or learnt.exploration.kind == "gaussian":
         return build(num_envs=config.num_envs, threads=config.threads)
     leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
-    return PairedEnv(leaders, twins, exploration.steps)
+    return PairedEnv(leaders, twins, learnt.exploration.steps)
 
 
 def _begin_folder(setup: Setup) -> None:

@@ -21,7 +21,7 @@ def test_every_key_names_the_last_layer_that_set_it(capsys):
 
 
 def test_a_section_given_at_once_is_from_the_command_line_too(capsys):
-    shown = printed(capsys, "motion=stand", "learner.losses={entropy: 0.5}")
+    shown = printed(capsys, "motion=stand", "train=window", "learner.losses={entropy: 0.5}")
     assert shown["learner.losses.entropy"] == "0.5    # command line"
 
 
