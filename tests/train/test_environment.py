@@ -165,7 +165,7 @@ def test_actor_observations_equal_those_of_the_robot():
 def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     sensing = {"noise": NOISE | {"gravity": 0.02}}
     env = small_env(num_envs=512, start=FIRST_FRAME, sensing=sensing)
-    default, seen = torch.tensor(g1().default_pos_rad), env.observations.actor(env.state.actor_history)
+    default, seen = torch.tensor(g1().default_pos_rad), env.observations.groups(env.state.actor_history)["actor"]
     for values, half_width in (
         (seen[:, -4:-2], 0.02),
         (seen[:, 23:26] / 0.25, 0.3),
@@ -178,7 +178,7 @@ def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
     env = small_env(start=FIRST_FRAME, sensing=sensing, randomization_scale=quiet)
     assert (
-        env.observations.actor(env.state.actor_history)[:, -4:-1].tolist()
+        env.observations.groups(env.state.actor_history)["actor"][:, -4:-1].tolist()
         == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
     )
 
