@@ -220,7 +220,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
     torch.set_num_threads(config.threads)
     env, watch = environment_of(setup), Stopwatch()
     learner, still = (build_learner(config, env, setup.robot) for _ in range(2))
-    turns = Turns(Stepping(environment_of(setup), still.actor, config.seed), watch, config.learner.horizon, seconds)
+    turns = Turns(Stepping(environment_of(setup), still.actor, config.seed), watch, learner.horizon, seconds)
     setup.run_dir.mkdir(exist_ok=True)
     with watch.on_phases(), Path(os.devnull).open("w") as nowhere:
         progress = TrainingProgress(setup.run_dir, console=nowhere)
@@ -228,7 +228,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
         hooks = [Reporting(progress, budget), Stopping(budget, turns.is_over)]
         Runner(env, learner, setup.run_dir, {}, hooks).run()
         progress.close()
-    per_turn = config.num_envs * config.learner.horizon
+    per_turn = config.num_envs * learner.horizon
     loop_s = [per_turn / row["time/steps_per_s"] for row in progress.rows[1:]]
     taken_s = {"physics": turns.physics_s, "stepping": turns.stepping_s, "loop": loop_s}
     speeds = {name: per_turn / median(seconds) for name, seconds in taken_s.items()}
@@ -240,7 +240,7 @@ def measure(setup: Setup, seconds: float) -> dict[str, Any]:
         "loop_shares": shares | {"rest": 1.0 - sum(shares.values())},
         "motion": setup.config.motion_name,
         "num_envs": config.num_envs,
-        "horizon": config.learner.horizon,
+        "horizon": learner.horizon,
         "turns": turns.counted,
         "precision": config.precision,
         "threads": config.threads,

@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import InputError
+from core.signals import StopRequest
 from train.config import check, compose_document
 from train.folder import ACTOR_FILE
 from train.origins import told
 from train.report.preset import nearest_preset
 from train.session import replay_dump, train
-from train.setup import Setup, new_setup, resumed_setup
+from train.setup import Setup, check_new_run, new_setup, resumed_setup
 
 LAST_MILE = "last_mile"  # preset and folder
 HANDED_ON = ("motion", "motions", "robot", "seed", "precision", "device", "threads")
@@ -44,9 +45,11 @@ def execute(arguments: Sequence[str]) -> None:
 
 def _train(setup: Setup) -> None:
     """The run, and the last mile where it is asked for: a run of its own in a folder of this one's."""
-    if train(setup) != "completed" or setup.config.last_mile == "none":
-        return
-    train(new_setup(_last_mile(setup)))
+    last_mile, stop = setup.config.last_mile != "none", StopRequest()
+    if last_mile:
+        check_new_run(setup.run_dir / LAST_MILE)  # before the hours that come first
+    if train(setup, stop) == "completed" and last_mile and not stop.asked:
+        train(new_setup(_last_mile(setup)), stop)
 
 
 def _last_mile(setup: Setup) -> dict[str, Any]:

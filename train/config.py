@@ -8,7 +8,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -62,9 +61,9 @@ class TrainConfig:
     precision: Literal["bf16", "fp32"]
     device: Literal["cpu", "cuda"]
     threads: int
-    learner: LearnerSettings
     prior: Literal["none", "observed"]
     environment: EnvironmentSettings
+    learner: LearnerSettings | None = None
     world_model: WorldModelSettings | None = None
     teacher: str | None = None
     distil: DistilSettings | None = None
@@ -95,14 +94,21 @@ class TrainConfig:
         if self.world_model is not None:
             self._check_world_model(self.world_model)
         self._check_teacher()
-        check_losses(self.learner.losses)
-        if self.learner.exploration.kind == "antithetic":
-            check_pairs(self.learner.exploration.steps, self.learner.horizon, self.num_envs)
-        samples = self.num_envs * self.learner.horizon
-        if samples < 2 * self.learner.minibatches:
+        if self.world_model is None and self.distil is None:
+            self._check_learner(self.learner)
+
+    def _check_learner(self, settings: LearnerSettings | None) -> None:
+        """InputError for what does not go with PPO. A run that learns otherwise ignores these settings."""
+        if settings is None:
+            raise InputError("not given", where="learner", expected="settings of PPO, of a world model or of distil")
+        check_losses(settings.losses)
+        if settings.exploration.kind == "antithetic":
+            check_pairs(settings.exploration.steps, settings.horizon, self.num_envs)
+        samples = self.num_envs * settings.horizon
+        if samples < 2 * settings.minibatches:
             raise InputError(
                 "too few samples for the minibatches", where="num_envs", got=f"{samples} samples per iteration",
-                expected=f"at least {2 * self.learner.minibatches}",
+                expected=f"at least {2 * settings.minibatches}",
             )  # fmt: skip
 
     def _check_teacher(self) -> None:
@@ -116,12 +122,8 @@ class TrainConfig:
             return
         self.distil.check(self.num_envs)
         Layout(self.environment.actor_group(), 1)
-        for where, got, fits in (
-            ("world_model", "settings", self.world_model is None),
-            ("learner.exploration.kind", self.learner.exploration.kind, self.learner.exploration.kind == "gaussian"),
-        ):
-            if not fits:
-                raise InputError("not with distil", where=where, got=got)
+        if self.world_model is not None:
+            raise InputError("not with distil", where="world_model", got="settings")
 
     def _check_world_model(self, settings: WorldModelSettings) -> None:
         """InputError for what does not go with learning through a world model."""
@@ -131,12 +133,8 @@ class TrainConfig:
             raise InputError("not given", where="iterations", expected="a number: the learning rate falls over them")
         may_know = self.init_from is not None and "model" in (self.init_networks or ("model",))
         settings.check_rounds(self.iterations, self.num_envs, model_known=may_know)
-        for where, kind, wanted in (
-            ("learner.exploration.kind", self.learner.exploration.kind, "gaussian"),
-            ("prior", self.prior, "none"),
-        ):
-            if kind != wanted:
-                raise InputError("not with a world model", where=where, got=kind, expected=wanted)
+        if self.prior != "none":
+            raise InputError("not with a world model", where="prior", got=self.prior, expected="none")
         longest_s = self.environment.randomization.delay_s[1]
         if longest_s > MOST_DELAY_S:
             raise InputError(
@@ -234,13 +232,8 @@ def _compose(overrides: Sequence[str]) -> dict[str, Any]:
             config = compose("config", overrides=list(overrides))
         return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     except (HydraException, OmegaConfBaseException, ValueError) as error:
-        raise _explained(error, _defaults() if overrides else {}) from error
-
-
-@cache
-def _defaults() -> dict[str, Any]:
-    """What is composed without overrides."""
-    return _compose([])
+        preset = [override for override in overrides if override.startswith("train=")]
+        raise _explained(error, {} if preset == [*overrides] else _compose(preset)) from error
 
 
 def _explained(error: Exception, known: Mapping[str, Any]) -> InputError:
@@ -251,7 +244,8 @@ def _explained(error: Exception, known: Mapping[str, Any]) -> InputError:
     if match := re.search(r"full_key: (\S+)", str(error.__cause__ or error)) or re.search(r"Key '(\S+)' is not", text):
         key = match.group(1)
         names = _names_beside(key, known)
-        return InputError("unknown key", where=key, expected=f"one of {', '.join(names)}" if names else None)
+        expected, hint = (f"one of {', '.join(names)}", None) if names else (None, "the preset has no such section")
+        return InputError("unknown key", where=key, expected=expected, hint=hint)
     return InputError("unusable override", where="command line", got=text, expected="KEY=VALUE")
 
 

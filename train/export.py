@@ -13,7 +13,6 @@ from typing import Any, cast
 import numpy as np
 import onnxruntime
 import torch
-from torch import nn
 
 from core.files import replacing
 from motion.clip import Clip, clip_to_bytes
@@ -73,7 +72,7 @@ def export_actor(actor: ActorNetwork, spec: ActorSpec, clip: Clip, path: Path) -
     twin = actor.deployed().cpu()
     group = spec.observations[0].name
     if actor.mlp.half_suffices:
-        round_to_half(cast(nn.Module, twin.mlp))
+        round_to_half(twin.mlp)
     graph = with_half_weights(to_onnx(twin, group))
     verify(twin, graph, group)
     with replacing(path) as unfinished:

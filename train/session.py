@@ -47,11 +47,15 @@ from train.world_model.learner import WorldModelLearner
 EVALUATION_SEED = 12345
 
 
-def train(setup: Setup) -> Outcome:
-    """Train, export and sum up; say how it ended. NonFiniteError if a number stops being finite."""
+def train(setup: Setup, stop: StopRequest) -> Outcome:
+    """Train, export and sum up; say how it ended: what is asked of ``stop`` after the last iteration changes nothing.
+
+    Raises:
+        NonFiniteError: a number stopped being finite.
+    """
     config = setup.followable
     torch.set_num_threads(config.torch_threads)
-    stop, started_s = StopRequest(), time.monotonic()
+    started_s = time.monotonic()
     code = code_version()  # the code may have changed by the time the actor is written
     env = environment_of(setup)
     _begin_folder(setup)
@@ -80,8 +84,8 @@ def train(setup: Setup) -> Outcome:
     progress.say(f"run folder {setup.run_dir}, {config.num_envs} environments, {config.precision}")
     try:
         outcome = runner.run()
-        spots = _blind_spots(setup, learner, runner, progress)
-        _export(setup, runner, evaluation, progress, code, spots)
+        summary = _export(setup, runner, evaluation, progress, code)
+        _tell_blind_spots(setup, runner, progress, summary)
         progress.say(f"report {report.finish()}")
         return outcome
     finally:
@@ -160,11 +164,11 @@ def environment_of(setup: Setup) -> Environment:
     build = partial(
         build_environment, config.environment, setup.robot, setup.references, seed=config.seed, device=config.device
     )
-    exploration = config.learner.exploration
-    if exploration.kind == "gaussian":
+    learnt = None if config.world_model or config.distil else config.learner
+    if learnt is None or learnt.exploration.kind == "gaussian":
         return build(num_envs=config.num_envs, threads=config.threads)
     leaders, twins = (build(num_envs=config.num_envs // 2, threads=config.threads) for _ in range(2))
-    return PairedEnv(leaders, twins, exploration.steps)
+    return PairedEnv(leaders, twins, learnt.exploration.steps)
 
 
 def _begin_folder(setup: Setup) -> None:
@@ -204,13 +208,18 @@ def _learned_from(setup: Setup) -> dict[str, Any]:
     return {"clips": clips, **facts} if clips else facts
 
 
-def _blind_spots(setup: Setup, learner: Learner, runner: Runner, progress: TrainingProgress) -> dict[str, Any]:
-    """Say where a world model is wrong, once it has learnt; nothing for a run that was stopped, or without one."""
+def _tell_blind_spots(setup: Setup, runner: Runner, progress: TrainingProgress, summary: Mapping[str, Any]) -> None:
+    """Say where a world model is wrong, once it has learnt, and add it to summary.json; else nothing.
+
+    The robots go on for it, which may fail: so the actor is written first.
+    """
+    learner = runner.learner
     if not isinstance(learner, WorldModelLearner) or runner.outcome != "completed":
-        return {}
+        return
     spots = learner.blind_spots(setup.robot, runner.observations)
     progress.say("\n".join(["the world model is less sure where", *(f"  {spot}" for spot in spots)]))
-    return {"blind_spots": {spot.what: {"share": spot.share, "ratio": spot.ratio} for spot in spots}}
+    told = {spot.what: finite_or_none({"share": spot.share, "ratio": spot.ratio}) for spot in spots}
+    write_json(setup.run_dir / SUMMARY_FILE, {**summary, "blind_spots": told})
 
 
 def _write_actor(setup: Setup, learner: Learner, actor: ActorNetwork, facts: Mapping[str, Any], path: Path) -> str:
@@ -230,9 +239,8 @@ def _export(
     evaluation: EvaluationHook,
     progress: TrainingProgress,
     code: str,
-    told: Mapping[str, Any],
-) -> None:
-    """Write actor.onnx and summary.json, which says besides what the report says in words."""
+) -> dict[str, Any]:
+    """Write actor.onnx and summary.json, which says besides what the report says in words; return what this says."""
     actor, best, outcome = runner.learner.actor_with(evaluation.weights(runner)), evaluation.best, runner.outcome
     facts: dict[str, Any] = {
         "motion": setup.config.motion_name,
@@ -257,9 +265,10 @@ def _export(
         "actor": ACTOR_FILE,
         "actor_sha256": digest,
         "last_evaluation": finite_or_none(evaluation.judged),
-        **told,
         "last_iteration": dict(progress.rows[-1] if progress.rows else {}),
         "machine": machine_facts(setup.config),
     }
-    write_json(setup.run_dir / SUMMARY_FILE, document | story(progress.rows, document))
+    document |= story(progress.rows, document)
+    write_json(setup.run_dir / SUMMARY_FILE, document)
     progress.say(f"{outcome} after {runner.iteration} iterations, {runner.samples} samples: {path}")
+    return document

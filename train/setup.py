@@ -154,9 +154,14 @@ def _new_run_dir(config: TrainConfig) -> Path:
     existing = next(folder for folder in (run_dir, *run_dir.parents) if folder.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError("not a writable folder", where="run_dir", got=existing, expected="a place for the run's files")
+    check_new_run(run_dir)
+    return run_dir
+
+
+def check_new_run(run_dir: Path) -> None:
+    """InputError where a run has begun in the folder, which need not exist."""
     if any((run_dir / name).exists() for name in (CONFIG_FILE, "checkpoints")):
         raise InputError(
             "holds a run already", where="run_dir", got=run_dir, expected="a new folder",
             hint=f"resume={run_dir} goes on with it",
         )  # fmt: skip
-    return run_dir

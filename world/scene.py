@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -67,11 +67,6 @@ class Scene:
     def above(self, points_w: np.ndarray) -> np.ndarray:
         """Height (...) in m of points (..., 3) above the highest surface at their places."""
         return points_w[..., 2] - self.height_at(points_w[..., :2])
-
-    def padded(self, count: int) -> Scene:
-        """The same surface with ``count`` boxes, the unused ones buried: models of one set of scenes are alike."""
-        buried = Box((0.0, 0.0, self.floor_m - 10.0), (0.1, 0.1, 0.1))
-        return replace(self, boxes=self.boxes + (buried,) * (count - len(self.boxes)))
 
 
 FLAT = Scene()

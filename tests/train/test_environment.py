@@ -14,7 +14,6 @@ from policy.observation import sample_terms
 from tests.train.worlds import CONSTANT, NOISE, g1, observations_of_robots, settings, small_env, swaying_reference
 from train.interface import width
 from train.mdp.curriculum import Curriculum, EpisodeAverage
-from train.mdp.drivers import DriverFigures
 from train.mdp.settings import CurriculumSettings
 from train.mdp.tick import ReferenceTable
 from train.nan_guard import NonFiniteError, check_step
@@ -166,7 +165,7 @@ def test_actor_observations_equal_those_of_the_robot():
 def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     sensing = {"noise": NOISE | {"gravity": 0.02}}
     env = small_env(num_envs=512, start=FIRST_FRAME, sensing=sensing)
-    default, seen = torch.tensor(g1().default_pos_rad), env.observations.actor(env.state.actor_history)
+    default, seen = torch.tensor(g1().default_pos_rad), env.observations.groups(env.state.actor_history)["actor"]
     for values, half_width in (
         (seen[:, -4:-2], 0.02),
         (seen[:, 23:26] / 0.25, 0.3),
@@ -179,7 +178,7 @@ def test_noise_has_the_configured_width_and_grows_with_the_randomisation():
     quiet = CONSTANT | {"start": 0.0, "easy": 0.0, "hard": 0.0}
     env = small_env(start=FIRST_FRAME, sensing=sensing, randomization_scale=quiet)
     assert (
-        env.observations.actor(env.state.actor_history)[:, -4:-1].tolist()
+        env.observations.groups(env.state.actor_history)["actor"][:, -4:-1].tolist()
         == [pytest.approx([0.0, 0.0, -1.0], abs=1e-6)] * 4
     )
 
@@ -233,15 +232,15 @@ def test_beyond_the_end_a_table_gives_the_last_pose_at_rest():
 
 def test_a_curriculum_moves_by_its_driver_and_stops_at_its_bounds():
     limit = Curriculum(CurriculumSettings(1.5, 2.0, 0.3, 0.1, "episode_length", 42.0, 40.0))
-    limit.update(DriverFigures(length=41.0, survival=0.0))
+    limit.update(episode_length=41.0, survival=0.0)
     assert limit.value == 1.5
-    limit.update(DriverFigures(length=43.0, survival=0.0))
+    limit.update(episode_length=43.0, survival=0.0)
     assert limit.value == pytest.approx(1.5 / 1.1)
-    limit.update(DriverFigures(length=39.0, survival=0.0))
-    limit.update(DriverFigures(length=39.0, survival=0.0))
+    limit.update(episode_length=39.0, survival=0.0)
+    limit.update(episode_length=39.0, survival=0.0)
     assert limit.value == pytest.approx(1.65)
     for _ in range(100):
-        limit.update(DriverFigures(length=50.0, survival=0.0))
+        limit.update(episode_length=50.0, survival=0.0)
     assert limit.value == 0.3
 
 
@@ -274,7 +273,7 @@ def test_episode_averages_start_at_the_first_episodes():
         ({"critic": ["mass"]}, "environment.critic.mass: unknown critic term"),
         ({"observations": "none_such"}, "environment.observations: unknown layout"),
         ({"observations": [{"term": "dof_poss"}]}, "environment.observations.*unknown observation term"),
-        ({"penalty_scale": CONSTANT | {"driver": "hope"}}, "penalty_scale.driver: unknown curriculum driver"),
+        ({"penalty_scale": CONSTANT | {"driver": "hope"}}, "penalty_scale.driver: unknown choice.*survival"),
     ],
 )
 def test_bad_settings_are_refused_by_name(changes, text):

@@ -1,6 +1,7 @@
 """The exported file computes what the actor computes, and only then exists."""
 
 import copy
+from functools import partial
 
 import numpy as np
 import onnxruntime
@@ -9,11 +10,13 @@ import torch
 
 from motion.library import open_motion
 from policy.actor import load_actor
-from policy.layouts import pbhc_actor_group
+from policy.layouts import pbhc_actor_group, tracker_actor_group
 from robot.robot import load_robot
 from train import export
+from train.distil.vae import PriorDecoder
 from train.learner.networks import ActorNetwork, Mlp
 from train.world_model.network import Network
+from train.world_model.policy import BoundedResidual, Layout
 
 
 class TableBase(torch.nn.Module):
@@ -60,6 +63,25 @@ def test_graph_equals_the_fp32_actor(precision, base):
     obs = torch.randn(20, 380, generator=torch.Generator().manual_seed(9))
     expected = make_actor("fp32", base)(obs).detach().numpy()
     np.testing.assert_allclose(session.run(None, {"actor_obs": obs.numpy()})[0], expected, atol=1e-5)
+
+
+def residual(kind, precision, robot):
+    generator = torch.Generator().manual_seed(1)
+    mlp = partial(Mlp, activation="silu", generator=generator, precision=precision)
+    if kind == "latent":
+        return PriorDecoder(mlp(380, (64,), 16), mlp(388, (64,), 23))
+    if kind == "bounded":
+        return BoundedResidual(robot, Layout(tracker_actor_group(), 23), (64,), 0.25, generator, precision)
+    return mlp(380, (64,), 23)
+
+
+@pytest.mark.parametrize("kind", ["plain", "bounded", "latent"])
+def test_nothing_that_is_deployed_is_in_bf16(kind, robot):
+    coarse, fine = (
+        ActorNetwork(residual(kind, precision, robot), 23, (0.5, 0.1, 1.0)) for precision in ("bf16", "fp32")
+    )
+    seen = torch.randn(4, coarse.observation_size, generator=torch.Generator().manual_seed(3))
+    assert torch.equal(coarse.deployed()(seen), fine(seen)) and not torch.equal(coarse(seen), fine(seen))
 
 
 def test_file_is_a_complete_actor(tmp_path, robot, clip):

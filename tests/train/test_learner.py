@@ -248,19 +248,14 @@ def test_the_critic_of_the_last_mile_keeps_its_rate_while_the_actors_falls():
     assert actor < 0.5 * learner.settings.learning_rate
 
 
-class TowardsZero:
+def towards_zero(now):
     """A loss as an adversary or a teacher would add one: the mean action is to be zero."""
-
-    def __init__(self, settings):
-        pass
-
-    def __call__(self, now):
-        loss = now.mean.square().mean()
-        return loss, {"towards_zero": loss}
+    loss = now.mean.square().mean()
+    return loss, {"towards_zero": loss}
 
 
-def test_another_loss_is_a_class_and_a_line(monkeypatch):
-    monkeypatch.setattr(losses, "LOSSES", {**losses.LOSSES, "towards_zero": TowardsZero})
+def test_another_loss_is_a_function_and_a_line(monkeypatch):
+    monkeypatch.setattr(losses, "LOSSES", {**losses.LOSSES, "towards_zero": towards_zero})
     env = PointMassEnv()
     only = ("learner.losses.surrogate=0", "learner.losses.entropy=0", "+learner.losses.towards_zero=10")
     learner = make_learner(env, *only)

@@ -15,13 +15,13 @@ def test_every_key_names_the_last_layer_that_set_it(capsys):
     assert shown["seed"] == "3    # command line"
     assert shown["value"] == "vector    # configs/train/config.yaml"
     assert shown["learner.noise_std"] == f"0.08    # {preset}last_mile.yaml"
-    assert shown["learner.gamma"] == f"0.99    # {preset}last_mile.yaml"
+    assert shown["learner.gamma"] == f"0.99    # {preset}window.yaml"
     assert shown["device"].split("    # ")[1] == "this machine"
     assert shown["environment.rewards.max_joint.sigma"] == "0.3    # sigma=medium"
 
 
 def test_a_section_given_at_once_is_from_the_command_line_too(capsys):
-    shown = printed(capsys, "motion=stand", "learner.losses={entropy: 0.5}")
+    shown = printed(capsys, "motion=stand", "train=window", "learner.losses={entropy: 0.5}")
     assert shown["learner.losses.entropy"] == "0.5    # command line"
 
 

@@ -17,8 +17,8 @@ from policy.actor import load_actor
 from robot.robot import load_robot
 from tests.train.point_mass_run import rows
 from tests.train.worlds import beginning_of
-from train import session
-from train.checkpoint import save_state
+from train import command, session
+from train.checkpoint import Checkpoints, save_state
 from train.run import main
 
 pytestmark = pytest.mark.usefixtures("light")
@@ -137,6 +137,33 @@ def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path,
         "outcome"
     ] == "stopped"
     assert [entry.name for entry in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_run_whose_last_mile_has_begun_is_not_trained_on(capsys, tmp_path):
+    run_dir = tmp_path / "run"
+    clip = beginning_of("stand", 2.0, tmp_path)
+    assert main([*SHORT, f"motion={clip}", "iterations=1", f"run_dir={run_dir}"]) == 0
+    state = Checkpoints(run_dir).load_newest()
+    state["config"] |= {"last_mile": "ppo"}
+    Checkpoints(run_dir).save(2, state)
+    (run_dir / "last_mile" / "checkpoints").mkdir(parents=True)
+    capsys.readouterr()
+    assert f"{run_dir / 'last_mile'}" in failed(capsys, f"resume={run_dir}", "iterations=3")
+    assert len(rows(run_dir)) == 1
+
+
+def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginning(tmp_path, monkeypatch):
+    """The run is complete by then; what was asked for still holds."""
+
+    def interrupted(report):
+        os.kill(os.getpid(), signal.SIGINT)
+        return report
+
+    monkeypatch.setattr(session.TrainingReport, "finish", interrupted)
+    monkeypatch.setattr(command, "_last_mile", lambda setup: pytest.fail("it began"))
+    clip = beginning_of("stand", 2.0, tmp_path)
+    assert main([*SHORT, f"motion={clip}", "iterations=1", "last_mile=ppo", f"run_dir={tmp_path / 'run'}"]) == 0
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == "completed"
 
 
 def test_nan_is_exit_1_with_a_dump_that_can_be_replayed(capsys, tmp_path, monkeypatch):

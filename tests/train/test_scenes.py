@@ -23,7 +23,7 @@ from train.mdp.tick import ReferenceTable
 from train.simulation.domain import DomainRanges
 from train.simulation.model import SimulationSettings
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
-from world.scene import FLAT, Box, Scene
+from world.scene import Box, Scene
 
 # The left sole of `steps` stays within x -0.22 to 0.25 m, y 0.02 to 0.22 m; the right one mirrors it.
 BOXES = Scene(boxes=tuple(Box((0.015, side * 0.1185, 0.025), (0.26, 0.11, 0.025)) for side in (1.0, -1.0)))
@@ -54,13 +54,13 @@ def assert_on_the_boxes(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         assert points_w[:, 2] == pytest.approx(TOP_M, abs=5e-3)
 
 
-def simulator(scenes: list[Scene], num_envs: int) -> MujocoCpuSimulator:
+def simulator(scene: Scene, num_envs: int) -> MujocoCpuSimulator:
     generators = (torch.Generator().manual_seed(stream) for stream in range(2))
-    return MujocoCpuSimulator(g1(), num_envs, DomainRanges(), *generators, scenes=scenes, settings=SimulationSettings())
+    return MujocoCpuSimulator(g1(), num_envs, DomainRanges(), *generators, scene=scene, settings=SimulationSettings())
 
 
 def test_feet_stand_on_the_boxes_in_training(start):
-    sim = simulator([BOXES], 1)
+    sim = simulator(BOXES, 1)
     sim.reset(torch.arange(1), torch.tensor(start)[None], torch.zeros(1, 29))
     for _ in range(TICKS):
         sim.step(torch.tensor(g1().default_pos_rad).float()[None])
@@ -77,17 +77,6 @@ def test_feet_stand_on_the_boxes_in_the_simulated_backend(start):
         backend.reset_to(start[:3], start[3:7], start[7:])
         assert run(backend, hold(g1()), TICKS * 0.02).truth.foot_contact.all()
         assert_on_the_boxes(backend.model, backend.data)
-
-
-def test_environments_stand_in_their_own_scenes(start):
-    """Flat ground lies 5 cm under a robot that is put on the boxes: it falls there, and stands where the boxes are."""
-    sim = simulator([FLAT, BOXES], 4)
-    sim.reset(torch.arange(4), torch.tensor(start).repeat(4, 1), torch.zeros(4, 29))
-    for _ in range(3):
-        sim.step(torch.tensor(g1().default_pos_rad).float().repeat(4, 1))
-    force_n = sim.state().foot_force_w[..., 2].sum(dim=1)
-    assert (force_n[[0, 2]] == 0.0).all() and (force_n[[1, 3]] > 100.0).all()
-    assert {model.nbody for model in sim._models} == {sim._nominal_model.nbody}
 
 
 def test_a_scene_travels_in_the_clip_to_the_environment(tmp_path):

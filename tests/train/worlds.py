@@ -120,7 +120,7 @@ def observations_of_robots(
                 filtered_gravity_b=down[robot],
                 reference=window(robot, tick),
             )
-            trained = env.observations.actor(env.state.actor_history)[robot].numpy()
+            trained = env.observations.groups(env.state.actor_history)["actor"][robot].numpy()
             yield trained, history.push(sample_terms(history.terms, now))
         sent = action_size * torch.randn(env.num_envs, joints, generator=generator)
         env.step(sent)

@@ -63,19 +63,6 @@ def test_heights_are_where_rays_from_above_end():
     assert 200 < met < 950
 
 
-def test_unused_boxes_are_buried_and_touch_nothing():
-    padded = FLAT.padded(3)
-    assert len(padded.boxes) == 3
-    places = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 2))
-    assert (padded.height_at(places) == 0.0).all()
-    paths = []
-    for scene in (FLAT, padded):
-        data = after_s(model_of(scene, (0.0, 0.0, 0.2)), 1.0)
-        assert {*data.contact.geom1} == {0}  # the floor
-        paths.append(data.qpos.copy())
-    np.testing.assert_array_equal(*paths)
-
-
 def test_a_scene_goes_to_plain_data_and_back():
     assert parse(Scene, dataclasses.asdict(STEP), "scene") == STEP
     assert parse(Scene, {}, "scene") == FLAT

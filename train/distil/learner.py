@@ -11,7 +11,7 @@ from train.distil.buffer import Buffer
 from train.distil.losses import WeightedLosses
 from train.distil.mixture import TEACHER, Mixture
 from train.distil.settings import DistilSettings
-from train.distil.student import Student
+from train.distil.vae import ConditionalVae
 from train.figures import Figures
 from train.interface import StepResult
 from train.learner.averaging import WeightAverage
@@ -46,7 +46,7 @@ class DistilLearner:
     def __init__(
         self,
         settings: DistilSettings,
-        student: Student,
+        student: ConditionalVae,
         teacher: nn.Module,
         num_envs: int,
         generators: Generators,

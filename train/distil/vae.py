@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from train.distil.losses import Prediction
 from train.distil.normalizer import RunningNormalizer
 from train.learner.gaussian import kl_divergence
-from train.learner.networks import ActorNetwork, Mlp
+from train.learner.networks import ActorNetwork, Mlp, Residual
 from train.learner.storage import Minibatch
 
 PRIOR, ENCODER = "prior", "encoder"
@@ -38,8 +38,8 @@ class Gaussian(NamedTuple):
         return self.mean + torch.exp(self.log_std) * noise
 
 
-class PriorDecoder(nn.Module):
-    """What is deployed: a :class:`train.learner.networks.Residual`.
+class PriorDecoder(Residual):
+    """What is deployed.
 
     The last layers are in fp32. Where training rounds what they multiply to bf16, half precision is finer than that.
 
@@ -55,24 +55,6 @@ class PriorDecoder(nn.Module):
         self.prior, self.decoder = prior, decoder
         self.half_suffices = decoder.low_precision  # of training: it stays true of a copy in fp32
         self._seen_by_decoder = decoder.input_size - self.latent_size
-
-    @property
-    def output(self) -> nn.Linear:
-        """The last layer."""
-        return self.decoder.output
-
-    @property
-    def low_precision(self) -> bool:
-        """Whether products are in bf16."""
-        return self.decoder.low_precision
-
-    @low_precision.setter
-    def low_precision(self, value: bool) -> None:
-        self.prior.low_precision = self.decoder.low_precision = value
-
-    def stored(self, x: Tensor) -> Tensor:
-        """x as it is kept for a later pass."""
-        return x
 
     def decoded(self, normalized: Tensor, latent: Tensor) -> Tensor:
         """(n, J) of the normalised observation (n, Da) and a latent (n, Z)."""
@@ -103,12 +85,15 @@ class Encoder(nn.Module):
 
 
 class ConditionalVae(nn.Module):
-    """See :class:`train.distil.student.Student`.
+    """Acts and predicts in :data:`WAYS`, of which the first is how it is deployed.
 
     Args:
-        actor: with a :class:`PriorDecoder`.
+        actor: what is deployed, with a :class:`PriorDecoder`.
         encoder: of the latent, in training.
         goal: columns (G,) of the teacher's observation that are its goal.
+
+    Attributes:
+        noise_size: Z; normal numbers that are drawn for each episode.
     """
 
     ways: tuple[str, ...] = WAYS
@@ -123,11 +108,14 @@ class ConditionalVae(nn.Module):
         return cast(PriorDecoder, self.actor.mlp)
 
     def look(self, observations: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """The actor's observation and the teacher's goal."""
+        """What it acts on and learns from, by name; it is kept: the actor's observation and the teacher's goal."""
         return {"actor": observations["actor"], "goal": observations["teacher"][:, self._goal]}
 
     def act(self, way: str, seen: Mapping[str, Tensor], noise: Tensor) -> Tensor:
-        """At the prior's mean, or where the encoder and the episode's noise put the latent."""
+        """Raw actions (n, J) of what :meth:`look` returned.
+
+        At the prior's mean, or where the encoder and the episodes' noise (n, Z) put the latent.
+        """
         if way == PRIOR:
             return self.actor(seen["actor"])
         x = self._deployed.normalizer(seen["actor"])
@@ -135,7 +123,10 @@ class ConditionalVae(nn.Module):
         return self._action(seen["actor"], x, latent)
 
     def predict(self, samples: Minibatch) -> Prediction:
-        """The action of a latent of the encoder's; figures: what the prior's mean, as deployed, is off."""
+        """Of n samples of what :meth:`look` returned, the episodes' ``noise`` and the teacher's ``label``.
+
+        The action is of a latent of the encoder's; figures: what the prior's mean, as deployed, is off.
+        """
         seen, label = samples["actor"], samples["label"]
         x = self._deployed.normalizer(seen)
         prior = Gaussian.of(self._deployed.prior(x))
@@ -155,10 +146,10 @@ class ConditionalVae(nn.Module):
         return added if prior is None else prior(observation) + added
 
     def normalize(self, samples: Minibatch) -> None:
-        """See :class:`train.distil.student.Student`."""
+        """Take in what was seen since the last call."""
         self._deployed.normalizer.update(samples["actor"])
         self.encoder.normalizer.update(samples["goal"])
 
     def beside_actor(self) -> Mapping[str, nn.Module]:
-        """The encoder."""
+        """What else of it learns, by name."""
         return {ENCODER: self.encoder}

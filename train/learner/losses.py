@@ -1,80 +1,55 @@
-"""What PPO minimises: a sum of named losses. Another one is a class here and a line in ``learner.losses``."""
+"""What PPO minimises: a sum of named losses. Another one is a function here and a line in ``learner.losses``."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from core.errors import InputError
-from train.learner.gaussian import entropy, log_prob
-from train.learner.settings import LearnerSettings
+from train.learner import gaussian
 from train.learner.storage import Minibatch
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the networks say now of n samples, as they were recorded: mean (n, J), log_std (J,), values (n, H)."""
+    """What the networks say now of n samples, as they were recorded: mean (n, J), log_std (J,), values (n, H).
+
+    ``clip``: how far probability ratios and values move before moving further gains nothing.
+    """
 
     samples: Minibatch
     mean: Tensor
     log_std: Tensor
     values: Tensor
+    clip: float
 
 
-class Loss(Protocol):
-    """One entry of the sum."""
-
-    def __call__(self, now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
-        """The loss () and figures () for the log."""
-        ...
+Loss = Callable[[Prediction], tuple[Tensor, Mapping[str, Tensor]]]  # the loss () and figures () for the log
 
 
-class Surrogate:
-    """PPO's clipped policy loss (Schulman et al., 2017, Eq. 7)."""
-
-    def __init__(self, settings: LearnerSettings) -> None:
-        self._clip = settings.clip
-
-    def __call__(self, now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
-        """See :class:`Loss`."""
-        samples = now.samples
-        ratio = torch.exp(log_prob(samples["actions"], now.mean, now.log_std) - samples["log_prob"])
-        loss = clipped_surrogate(ratio, samples["advantages"], self._clip)
-        clipped = ((ratio.detach() - 1.0).abs() > self._clip).float().mean()
-        return loss, {"policy_loss": loss, "clip_fraction": clipped}
+def surrogate(now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
+    """PPO's clipped policy loss (Schulman et al., 2017, Eq. 7), and the share of samples that it clips."""
+    samples = now.samples
+    ratio = torch.exp(gaussian.log_prob(samples["actions"], now.mean, now.log_std) - samples["log_prob"])
+    loss = clipped_surrogate(ratio, samples["advantages"], now.clip)
+    clipped = ((ratio.detach() - 1.0).abs() > now.clip).float().mean()
+    return loss, {"policy_loss": loss, "clip_fraction": clipped}
 
 
-class ClippedValue:
+def value(now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
     """The critic's squared error, summed over heads."""
-
-    def __init__(self, settings: LearnerSettings) -> None:
-        self._clip = settings.clip
-
-    def __call__(self, now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
-        """See :class:`Loss`."""
-        loss = clipped_value_loss(now.values, now.samples["values"], now.samples["returns"], self._clip)
-        return loss, {"value_loss": loss}
+    loss = clipped_value_loss(now.values, now.samples["values"], now.samples["returns"], now.clip)
+    return loss, {"value_loss": loss}
 
 
-class Entropy:
+def entropy(now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
     """What keeps the noise wide: the policy's entropy with a minus."""
-
-    def __init__(self, settings: LearnerSettings) -> None:
-        del settings
-
-    def __call__(self, now: Prediction) -> tuple[Tensor, Mapping[str, Tensor]]:
-        """See :class:`Loss`."""
-        value = entropy(now.log_std)
-        return -value, {"entropy": value}
+    width = gaussian.entropy(now.log_std)
+    return -width, {"entropy": width}
 
 
-LOSSES: Mapping[str, Callable[[LearnerSettings], Loss]] = {
-    "surrogate": Surrogate,
-    "value": ClippedValue,
-    "entropy": Entropy,
-}
+LOSSES: Mapping[str, Loss] = {"surrogate": surrogate, "value": value, "entropy": entropy}
 
 
 def check_losses(weights: Mapping[str, float]) -> None:
@@ -84,25 +59,14 @@ def check_losses(weights: Mapping[str, float]) -> None:
             raise InputError("unknown loss", where=f"learner.losses.{name}", expected="one of " + ", ".join(LOSSES))
 
 
-@dataclass(frozen=True)
-class WeightedSum:
-    """Losses with their weights, in order."""
-
-    entries: tuple[tuple[float, Loss], ...]
-
-    @classmethod
-    def of(cls, settings: LearnerSettings) -> "WeightedSum":
-        """Those of ``learner.losses``."""
-        return cls(tuple((weight, LOSSES[name](settings)) for name, weight in settings.losses.items()))
-
-    def __call__(self, now: Prediction) -> tuple[Tensor, dict[str, Tensor]]:
-        """See :class:`Loss`."""
-        total, figures = torch.zeros((), device=now.mean.device), dict[str, Tensor]()
-        for weight, loss in self.entries:
-            value, seen = loss(now)
-            total = total + weight * value
-            figures |= seen
-        return total, figures
+def weighted_sum(weights: Mapping[str, float], now: Prediction) -> tuple[Tensor, dict[str, Tensor]]:
+    """The sum () of losses by their weights, in their order, and the figures of all."""
+    total, figures = torch.zeros((), device=now.mean.device), dict[str, Tensor]()
+    for name, weight in weights.items():
+        loss, seen = LOSSES[name](now)
+        total = total + weight * loss
+        figures |= seen
+    return total, figures
 
 
 def clipped_surrogate(ratio: Tensor, advantages: Tensor, clip: float) -> Tensor:

@@ -4,7 +4,6 @@ import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -22,7 +21,21 @@ def _linear(inputs: int, outputs: int, generator: torch.Generator, gain: float =
     return layer
 
 
-class Mlp(nn.Module):
+class Residual(nn.Module):
+    """What an actor's network is: (..., ``input_size``) → (..., J).
+
+    ``half_suffices``: whether half precision holds its weights as finely as training sets them.
+    """
+
+    input_size: int
+    half_suffices = False
+
+    def stored(self, x: Tensor) -> Tensor:
+        """Inputs as they are kept for later passes."""
+        return x
+
+
+class Mlp(Residual):
     """Hidden layers and a linear output (..., outputs).
 
     Args:
@@ -56,8 +69,6 @@ class Mlp(nn.Module):
         self.output = _linear(sizes[-1], outputs, generator, output_gain)
         self.low_precision = precision == "bf16"
 
-    half_suffices = False  # the last layer is in fp32
-
     def stored(self, x: Tensor) -> Tensor:
         """x as its first layer takes it: half of the size in bf16."""
         return x.bfloat16() if self.low_precision else x
@@ -71,31 +82,6 @@ class Mlp(nn.Module):
         else:
             x = self.hidden(x)
         return self.output(x)
-
-
-class Residual(Protocol):
-    """What an actor's network is. A module."""
-
-    input_size: int
-    low_precision: bool
-
-    @property
-    def half_suffices(self) -> bool:
-        """Whether half precision holds its weights as finely as training sets them."""
-        ...
-
-    @property
-    def output(self) -> nn.Linear:
-        """The last layer."""
-        ...
-
-    def stored(self, x: Tensor) -> Tensor:
-        """Inputs as they are kept for later passes."""
-        ...
-
-    def __call__(self, x: Tensor) -> Tensor:
-        """(..., inputs) → (..., J)."""
-        ...
 
 
 class ActorNetwork(nn.Module):
@@ -120,7 +106,7 @@ class ActorNetwork(nn.Module):
         self.observation_size = mlp.input_size
         start, low, high = noise_std
         self._log_bounds = math.log(low), math.log(high)
-        self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start), device=mlp.output.weight.device))
+        self.log_std = nn.Parameter(torch.full((num_actions,), math.log(start), device=next(mlp.parameters()).device))
 
     def prepare(self, obs: Tensor) -> dict[str, Tensor]:
         """What :meth:`mean` needs of obs (B, Da), and what no training changes."""
@@ -139,7 +125,9 @@ class ActorNetwork(nn.Module):
     def deployed(self) -> "ActorNetwork":
         """A copy as it is exported: everything in fp32, no gradients."""
         twin = copy.deepcopy(self).eval().requires_grad_(False)
-        twin.mlp.low_precision = False
+        for module in twin.modules():
+            if "low_precision" in vars(module):
+                vars(module)["low_precision"] = False
         return twin
 
     @torch.no_grad()

@@ -1,13 +1,12 @@
 """Proximal policy optimisation with a value head per group of reward terms (PBHC section 3.4, Table 8)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from train.distributed import Reduce
+from train import distributed
 from train.figures import Figures
 from train.interface import StepResult
 from train.learner.averaging import WeightAverage
@@ -15,7 +14,7 @@ from train.learner.exploration import Exploration
 from train.learner.gae import advantages_per_head
 from train.learner.gaussian import kl_divergence, log_prob
 from train.learner.heads import ValueHeads
-from train.learner.losses import Prediction, WeightedSum
+from train.learner.losses import Prediction, weighted_sum
 from train.learner.networks import ActorNetwork, CriticNetwork
 from train.learner.rates import Rates
 from train.learner.settings import LearnerSettings
@@ -24,24 +23,15 @@ from train.learner.transfer import copy_weights, misfits
 from train.nan_guard import require_finite
 
 
-@dataclass(frozen=True)
-class Plugs:
-    """What differs from one PPO to another: exploration, losses, the heads' reward columns, the processes' joining."""
-
-    exploration: Exploration
-    losses: WeightedSum
-    heads: ValueHeads
-    reduce: Reduce
-
-
 class Ppo:
     """See :class:`train.learner.learner.Learner`.
 
     Args:
         actor: the policy.
-        critic: as many heads as ``plugs.heads``.
+        critic: as many heads as ``heads``.
         settings: see :class:`LearnerSettings`.
-        plugs: see :class:`Plugs`.
+        exploration: the noise on actions.
+        heads: the reward columns of each value head.
         noise: generator of the exploration noise.
         shuffle: generator of the minibatch order.
     """
@@ -51,12 +41,14 @@ class Ppo:
         actor: ActorNetwork,
         critic: CriticNetwork,
         settings: LearnerSettings,
-        plugs: Plugs,
+        exploration: Exploration,
+        heads: ValueHeads,
         *,
         noise: torch.Generator,
         shuffle: torch.Generator,
     ) -> None:
-        self.actor, self.critic, self.settings, self.plugs = actor, critic, settings, plugs
+        self.actor, self.critic, self.settings = actor, critic, settings
+        self.exploration, self.heads = exploration, heads
         self.noise, self.shuffle, self.horizon = noise, shuffle, settings.horizon
         self.device = actor.log_std.device
         self.storage, self.updates = Storage(settings.horizon), 0
@@ -87,7 +79,7 @@ class Ppo:
         """Sample actions (B, J) and remember the step."""
         seen, given = self.actor.prepare(observations["actor"].to(self.device)), observations["critic"].to(self.device)
         mean, log_std = self.actor.mean(**seen), self.actor.log_std
-        actions = mean + torch.exp(log_std) * self.plugs.exploration.noise(mean, self.noise)
+        actions = mean + torch.exp(log_std) * self.exploration.noise(mean, self.noise)
         critic = self.critic.prepare(given)
         self.storage.put(
             actor=seen, critic=critic, mean=mean, actions=actions,
@@ -98,7 +90,7 @@ class Ppo:
     @torch.no_grad()
     def record(self, result: StepResult) -> None:
         """Remember what the step gave; a time-out adds γ·V(last state), so that it is no ending to the critic."""
-        rewards = self.plugs.heads(result.rewards.to(self.device))
+        rewards = self.heads(result.rewards.to(self.device))
         timed_out = result.timed_out.to(self.device)
         if len(result.final_critic_obs):
             rewards[timed_out] += self.settings.gamma * self.critic(result.final_critic_obs.to(self.device))
@@ -108,7 +100,7 @@ class Ppo:
     @torch.no_grad()
     def _estimate(self, critic_obs: Tensor) -> None:
         """Returns per head; advantages summed over heads, then normalised over the batch."""
-        s, settings, plugs = self.storage, self.settings, self.plugs
+        s, settings, exploration = self.storage, self.settings, self.exploration
         last_values = self.critic(critic_obs.to(self.device))
 
         def advantages(lam: float, window: int | None = None) -> Tensor:
@@ -117,8 +109,8 @@ class Ppo:
             )
 
         returns = advantages(settings.critic_lam) + s["values"]
-        total = plugs.exploration.advantages(advantages(settings.lam, plugs.exploration.window).sum(dim=-1))
-        total = (total - plugs.reduce.mean(total.mean())) / (plugs.reduce.std(total) + 1e-8)
+        total = exploration.advantages(advantages(settings.lam, exploration.window).sum(dim=-1))
+        total = (total - distributed.mean(total.mean())) / (distributed.std(total) + 1e-8)
         s.set(returns=returns, advantages=total)
 
     def update(self, observations: Mapping[str, Tensor]) -> dict[str, float]:
@@ -168,11 +160,12 @@ class Ppo:
         log_std = self.actor.log_std
         mean = self.actor.mean(**samples.of("actor"))
         with torch.no_grad():
-            kl = self.plugs.reduce.mean(kl_divergence(samples["mean"], self._old_log_std, mean, log_std))
+            kl = distributed.mean(kl_divergence(samples["mean"], self._old_log_std, mean, log_std))
         if self.settings.kl_schedule == "minibatch" and not self._is_actor_held:
             self.rates.adapt(float(kl))
         values = self.critic.values(**samples.of("critic"))
-        loss, figures = self.plugs.losses(Prediction(samples, mean, log_std, values))
+        now = Prediction(samples, mean, log_std, values, self.settings.clip)
+        loss, figures = weighted_sum(self.settings.losses, now)
         require_finite("loss", loss.detach())
         self._step(loss)
         return {"kl": kl, **figures}
@@ -186,7 +179,7 @@ class Ppo:
         for parameters in self._parameters[self._is_actor_held :]:
             for parameter in parameters:
                 if parameter.grad is not None:
-                    parameter.grad = self.plugs.reduce.mean(parameter.grad)
+                    parameter.grad = distributed.mean(parameter.grad)
             norm = torch.nn.utils.clip_grad_norm_(parameters, self.settings.max_grad_norm)
             require_finite("gradient", norm)
         if self._is_actor_held:

@@ -51,7 +51,7 @@ def build_environment(
         settings.randomization,
         physics,
         physics_episodes,
-        scenes=[scene],
+        scene=scene,
         settings=settings.simulation,
         control_period_s=CONTROL_PERIOD_S,
         threads=threads,

@@ -145,10 +145,6 @@ class Observations:
         """The terms that look ahead on the reference (n, A) of the actor's samples (n, W) of the present tick."""
         return newest[:, self._ahead]
 
-    def actor(self, history: torch.Tensor) -> torch.Tensor:
-        """The actor's observation (B, n), laid out of its ``history`` (B, L, W)."""
-        return self.groups(history)["actor"]
-
     def groups(self, history: torch.Tensor) -> dict[str, torch.Tensor]:
         """The observations (B, n) of actor and teacher, by name, laid out of the ``history`` (B, L, W)."""
         flat = history.flatten(1)

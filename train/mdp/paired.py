@@ -58,7 +58,7 @@ class PairedEnv:
         )
 
     def figures(self) -> dict[str, float]:
-        """See :class:`train.interface.TrackingEnv`; the leaders'."""
+        """See :class:`train.interface.Environment`; the leaders'."""
         return self._leaders.figures()
 
     def finish_iteration(self) -> None:

@@ -17,11 +17,6 @@ class Physics:
         self.simulator, self._kinematics, self._device = simulator, robot.kinematics, device
 
     @property
-    def randomization(self) -> float:
-        """Present width of the randomisation, 0 to 1."""
-        return self.simulator.randomization
-
-    @property
     def domain(self) -> Domain:
         """Physical parameters of the present robots."""
         return self.simulator.domain.to(self._device)

@@ -1,6 +1,7 @@
 """What the environment can be told: checked at construction, before any simulation."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from core.errors import InputError
 from core.structured import at_least, positive, within
@@ -8,7 +9,6 @@ from policy.layouts import LAYOUTS
 from policy.observation import check_terms
 from policy.spec import ObservationGroup, ObservationTerm
 from train.mdp.critic_terms import CRITIC_TERMS
-from train.mdp.drivers import DRIVERS
 from train.mdp.events import EventTerm
 from train.mdp.goals import GoalSettings
 from train.mdp.rewards import DIRECT, TRACKING
@@ -48,22 +48,23 @@ class RewardTerm:
 
 @dataclass(frozen=True)
 class CurriculumSettings:
-    """A value that moves by ``factor`` per step between bounds while the driver (:mod:`train.mdp.drivers`) allows it.
+    """A value that moves by ``factor`` per step between bounds while what drives it allows it.
 
-    Above ``harder_above`` the value moves towards ``hard``; below ``easier_below`` back towards ``easy``.
+    Where the driver's level is above ``harder_above`` the value moves towards ``hard``; below ``easier_below`` back
+    towards ``easy``. ``always``: towards hard whatever happens. ``episode_length``: mean steps of about the last 10,000
+    episodes. ``survival``: the chance to survive at the present rates of failures.
     """
 
     start: float
     easy: float
     hard: float
     factor: float
-    driver: str = "always"
+    driver: Literal["always", "episode_length", "survival"] = "always"
     harder_above: float = 0.0
     easier_below: float = 0.0
 
     def check(self, where: str) -> None:
         """InputError unless this is a way from easy to hard."""
-        DRIVERS.check(f"{where}.driver", self.driver, {})
         for name in ("start", "easy", "hard", "factor"):
             at_least(f"{where}.{name}", getattr(self, name), 0.0)
         within(f"{where}.start", self.start, *sorted((self.easy, self.hard)))
@@ -94,7 +95,7 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class ClipSettings:
-    """How the clip of an episode is drawn where there are several; see :class:`train.mdp.command.ClipSampler`.
+    """How the clip of an episode is drawn where there are several; see :class:`train.mdp.clip_sampler.ClipSampler`.
 
     ``floor``: share of episodes whose clip is drawn uniformly. ``cap``: by failure a clip gets at most so many times
     the uniform share. ``set_aside``: names of clips that the run does without (:mod:`train.setup`).

@@ -15,7 +15,6 @@ from train.mdp.command import Command
 from train.mdp.critic import Critic
 from train.mdp.curriculum import AVERAGED_EPISODES, Curriculum, EpisodeAverage
 from train.mdp.divergence import without_diverged
-from train.mdp.drivers import DriverFigures
 from train.mdp.events import Events
 from train.mdp.goals import errors_by_kind
 from train.mdp.observations import Observations
@@ -195,7 +194,7 @@ class TrackingEnv:
         command.update(state, failed, ended, self.last_errors["empbpe_mm"])
         self.survival_chance = float(command.failures.survival().mean())
         for curriculum in self.curricula.values():
-            curriculum.update(DriverFigures(self.average.length, self.survival_chance))
+            curriculum.update(episode_length=self.average.length, survival=self.survival_chance)
 
     def _log(self) -> dict[str, float]:
         """Of this step, over all environments."""

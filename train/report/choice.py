@@ -66,7 +66,7 @@ def best(judged: Sequence[JudgedActor]) -> JudgedActor | None:
 
 
 def _lowest(judged: Sequence[JudgedActor]) -> JudgedActor | None:
-    """The lowest finite score, the first of equals: its error is the limit, as in :class:`train.runner.Best`."""
+    """The first with the lowest finite score: its error is the limit, as in :class:`train.hooks.evaluation.Best`."""
     return min((one for one in judged if math.isfinite(one.score)), key=lambda one: one.score, default=None)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -164,22 +165,27 @@ def _points(rows: Rows, name: str) -> tuple[np.ndarray, np.ndarray]:
     return table[:, 0], table[:, 1]
 
 
+def draw_panel(axes: Axes, panel: Panel, found: Sequence[Curve]) -> None:
+    """Draw the curves of a panel, without its title, unit and legend."""
+    for curve in found:
+        style = {"marker": "o", "markersize": 4, "linewidth": 0.6} if curve.dots else {"linewidth": 1.2}
+        axes.plot(curve.iterations, curve.values, label=curve.label, **style)
+    if panel.logarithmic:
+        axes.set_yscale("log")
+    axes.set_xlabel("iteration", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.3)
+
+
 def _svg(panel: Panel, found: Sequence[Curve], chosen: int | None) -> bytes:
     figure = Figure(figsize=(6.8, 2.9))
     FigureCanvasSVG(figure)
     figure.subplots_adjust(left=0.1, right=0.71, top=0.97, bottom=0.16)
     axes = figure.add_subplot()
-    for curve in found:
-        style = {"marker": "o", "markersize": 4, "linewidth": 0.6} if curve.dots else {"linewidth": 1.2}
-        axes.plot(curve.iterations, curve.values, label=curve.label, **style)
+    draw_panel(axes, panel, found)
+    axes.set_ylabel(panel.unit, fontsize=8)
     if chosen is not None:
         axes.axvline(chosen, color="black", linestyle=":", linewidth=1.0, label="chosen")
-    if panel.logarithmic:
-        axes.set_yscale("log")
-    axes.set_xlabel("iteration", fontsize=8)
-    axes.set_ylabel(panel.unit, fontsize=8)
-    axes.tick_params(labelsize=8)
-    axes.grid(alpha=0.3)
     axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.03), frameon=False)
     picture = io.BytesIO()
     # Text stays text, and the same curves give the same file.

@@ -13,9 +13,9 @@ from policy.actor import Actor, load_actor
 from robot.robot import Robot, load_robot
 from train.config import TrainConfig
 from train.folder import ACTOR_FILE, CLIP_FILE
-from train.mdp.evaluator import fall_height_m
+from train.mdp.evaluator import whole_clip
 from train.mdp.factory import build_environment
-from train.mdp.settings import CurriculumSettings, EnvironmentSettings, StartSettings, TerminationSettings
+from train.mdp.settings import EnvironmentSettings, StartSettings
 from train.mdp.tracking import CONTROL_PERIOD_S, TrackingEnv
 from world.scene import Scene
 
@@ -72,15 +72,8 @@ def play(run_dir: Path, config: TrainConfig) -> Playback:
 
 def _quiet(settings: EnvironmentSettings, reference: Reference) -> EnvironmentSettings:
     """The environment without randomisation, noise and pushes; an episode ends early only by a fall."""
-    return replace(
-        settings,
-        randomization_scale=CurriculumSettings(start=0.0, easy=0.0, hard=0.0, factor=0.0),
-        events={},
-        start=StartSettings(first_frame=1.0),
-        termination=TerminationSettings(
-            terms={"tilt": {"limit": 2.0}, "height": {"min_m": fall_height_m(reference)}}, max_episode_s=1e9
-        ),
-    )
+    nominal = whole_clip(settings, reference)["nominal"]
+    return replace(nominal, events={}, start=StartSettings(first_frame=1.0))
 
 
 def _run(env: TrackingEnv, actor: Actor, ticks: int) -> tuple[np.ndarray, dict[str, float], bool]:

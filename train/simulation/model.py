@@ -37,10 +37,7 @@ class SimulationSettings:
 def training_model(
     robot: Robot, settings: SimulationSettings, *, scene: Scene, timestep_s: float, sensed: Sequence[str]
 ) -> mujoco.MjModel:
-    """The nominal robot in a scene. Its last sensors are the motors' torques and the contact forces of ``sensed``.
-
-    Data of one model serves those of all scenes: they differ in numbers alone.
-    """
+    """The nominal robot in a scene. Its last sensors are the motors' torques and the contact forces of ``sensed``."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         _add_torque_sensors(spec)

@@ -26,7 +26,7 @@ _CONTROL_SPEC = mujoco.mjtState.mjSTATE_CTRL
 
 
 class MujocoCpuSimulator:
-    """B robots, each in a scene.
+    """B robots in one scene.
 
     Args:
         robot: the robot.
@@ -34,7 +34,7 @@ class MujocoCpuSimulator:
         ranges: what differs between environments.
         generator: source of what environments and each step draw.
         episodes: source of what each episode draws.
-        scenes: what the robots stand in, in turn: environment i in scene i modulo their number.
+        scene: what the robots stand in.
         settings: how finely physics is stepped, and what differs from the robot's description.
         control_period_s: duration of one :meth:`step`.
         threads: worker threads.
@@ -49,7 +49,7 @@ class MujocoCpuSimulator:
         generator: torch.Generator,
         episodes: torch.Generator,
         *,
-        scenes: Sequence[Scene] = (FLAT,),
+        scene: Scene = FLAT,
         settings: SimulationSettings,
         control_period_s: float = 0.02,
         threads: int = 2,
@@ -59,17 +59,12 @@ class MujocoCpuSimulator:
         self._robot, self._ranges = robot, ranges
         self._substeps, self._substep_s = settings.substeps, control_period_s / settings.substeps
         self._sensed = [*robot.feet, *robot.penalized_contact_bodies]
-        boxes = max(len(scene.boxes) for scene in scenes)
-        compiled = [
-            training_model(robot, settings, scene=scene.padded(boxes), timestep_s=self._substep_s, sensed=self._sensed)
-            for scene in scenes
-        ]
-        model = compiled[0]
+        model = training_model(robot, settings, scene=scene, timestep_s=self._substep_s, sensed=self._sensed)
         self._nominal_model = model
         self._nominal = nominal_domain(num_envs, robot)
         self._differs = (torch.arange(num_envs) >= round(ranges.nominal_share * num_envs)).float()
         self._drawn = draw_domain(num_envs, robot, ranges, generator)
-        self._models = [copy.copy(compiled[env % len(compiled)]) for env in range(num_envs)]
+        self._models = [copy.copy(model) for _ in range(num_envs)]
         self._rollout = Rollout(nthread=threads)
         self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
         self._allocate(model)

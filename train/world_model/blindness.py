@@ -63,15 +63,16 @@ def describe(state: EnvState, robot: Robot) -> dict[str, Tensor]:
 def blind_spots(learner: "WorldModelLearner", robot: Robot, observations: Mapping[str, Tensor]) -> list[BlindSpot]:
     """Let the robots go on for some steps from ``observations`` on, and compare each with what the model foretells."""
     env, ring, seen = learner.env, learner.ring, []
-    for _ in range(STEPS):
+    moments = min(STEPS, ring.steps - 2)  # a queue of targets reaches back by two steps more
+    for _ in range(moments):
         seen.append(describe(env.state, robot))
         result = env.step(learner.act(observations))
         learner.record(result)
         observations = result.observations
     told = {name: torch.stack([moment[name] for moment in seen]) for name in seen[0]}
-    steps = STEPS - 1
+    steps = moments - 1
     passed = torch.arange(steps, device=ring.device)
-    times = ((ring.next - STEPS + passed) % ring.steps)[:, None].expand(steps, ring.num_envs).flatten()
+    times = ((ring.next - moments + passed) % ring.steps)[:, None].expand(steps, ring.num_envs).flatten()
     robots = torch.arange(ring.num_envs, device=ring.device).repeat(steps)
     whole = ring.segments(times, robots) == ring.segments((times + 1) % ring.steps, robots)
     first = {name: values[:-1].flatten()[whole] for name, values in told.items()}

@@ -20,7 +20,7 @@ KNEE = 0.3  # in units
 
 
 def privileged(motion: Motion, reference: Motion) -> Tensor:
-    """The exact state and how far off its reference it is (N, 28 + 3J - 4)."""
+    """The exact state and how far off its reference it is (N, 19 + 3J)."""
     off = quat_rotate_inverse(motion.quat_wxyz, reference.pos_w - motion.pos_w).clamp(-1.0, 1.0)
     turn = quat_to_matrix(quat_mul(quat_conjugate(motion.quat_wxyz), reference.quat_wxyz))
     return torch.cat(

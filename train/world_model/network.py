@@ -16,20 +16,20 @@ class _Weights(NamedTuple):
     """Weights and biases in the format of the products, for one pass and the gradients of it."""
 
     first: tuple[Tensor, Tensor]
-    extra: tuple[Tensor, Tensor] | None
+    extra: tuple[Tensor, Tensor]
     hidden: list[tuple[Tensor, Tensor]]
     output: tuple[Tensor, Tensor]
 
 
 class Network(nn.Module):
-    """SiLU layers on normalised inputs (N, inputs) and, where there are any, extras (N, extras).
+    """SiLU layers on normalised inputs (N, inputs) and extras (N, extras).
 
     Extras are what does not depend on the state: they are encoded in one batch for a whole rollout. What is normalised
     by is set once, by :meth:`normalize_by`.
 
     Args:
         inputs: size of the input.
-        extras: size of the extras, 0 for none.
+        extras: size of the extras.
         hidden: sizes of the layers.
         outputs: size of the output.
         generator: source of the initial weights.
@@ -58,7 +58,7 @@ class Network(nn.Module):
         super().__init__()
         first, *others = hidden
         self.first = _linear(inputs, first, generator, fan_in=inputs + extras)
-        self.extra = _linear(extras, first, generator, fan_in=inputs + extras) if extras else None
+        self.extra = _linear(extras, first, generator, fan_in=inputs + extras)
         self.hidden = nn.ModuleList(_linear(a, b, generator) for a, b in pairwise([first, *others]))
         self.output = _linear(hidden[-1], outputs, generator, gain=output_gain)
         for name, size in (("mean", inputs), ("extra_mean", extras)):
@@ -69,13 +69,12 @@ class Network(nn.Module):
         self._weights: _Weights | None = None
 
     @torch.no_grad()
-    def normalize_by(self, inputs: Tensor, extras: Tensor | None = None, least_std: float = 1e-3) -> None:
+    def normalize_by(self, inputs: Tensor, extras: Tensor, least_std: float = 1e-3) -> None:
         """Take means and spreads of samples (N, ·); no spread counts as less than ``least_std``."""
         self.mean.copy_(inputs.mean(0))
         self.std.copy_(inputs.std(0).clamp(min=least_std))
-        if extras is not None:
-            self.extra_mean.copy_(extras.mean(0))
-            self.extra_std.copy_(extras.std(0).clamp(min=least_std))
+        self.extra_mean.copy_(extras.mean(0))
+        self.extra_std.copy_(extras.std(0).clamp(min=least_std))
 
     def prepare(self) -> None:
         """Read the weights as they are now; to be called before the passes of an update, and after each change."""
@@ -83,9 +82,8 @@ class Network(nn.Module):
         def pair(layer: nn.Linear) -> tuple[Tensor, Tensor]:
             return self._cast(layer.weight), self._cast(layer.bias)
 
-        extra = None if self.extra is None else pair(self.extra)
         hidden = [pair(layer) for layer in self.hidden if isinstance(layer, nn.Linear)]
-        self._weights = _Weights(pair(self.first), extra, hidden, pair(self.output))
+        self._weights = _Weights(pair(self.first), pair(self.extra), hidden, pair(self.output))
 
     def __getstate__(self) -> dict[str, object]:
         """A copy reads the weights anew: those read for an update belong to its gradients."""
@@ -93,11 +91,11 @@ class Network(nn.Module):
 
     def encode(self, extras: Tensor) -> Tensor:
         """What :meth:`forward` takes of extras (N, extras)."""
-        assert self._weights is not None and self._weights.extra is not None, "prepare() comes first"
+        assert self._weights is not None, "prepare() comes first"
         x = ((extras - self.extra_mean) / self.extra_std).clamp(-EXTRA_CLIP, EXTRA_CLIP)
         return functional.linear(self._cast(x), *self._weights.extra)
 
-    def forward(self, inputs: Tensor, encoded: Tensor | None = None) -> Tensor:
+    def forward(self, inputs: Tensor, encoded: Tensor) -> Tensor:
         """(N, inputs) and encoded extras → (N, outputs) float32."""
         weights = self._weights
         assert weights is not None, "prepare() comes first"
@@ -108,9 +106,7 @@ class Network(nn.Module):
             # No gradient passes this part: the coarse one has it already.
             rest = (x.detach() - coarse.detach().float()).bfloat16()
             h = h + functional.linear(rest, weights.first[0].detach())
-        if encoded is not None:
-            h = h + encoded
-        h = functional.silu(h)
+        h = functional.silu(h + encoded)
         for layer in weights.hidden:
             h = functional.silu(functional.linear(h, *layer))
         out = functional.linear(h, *weights.output)

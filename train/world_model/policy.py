@@ -10,6 +10,7 @@ from core.errors import InputError
 from policy.observation import entry_size, entry_width, num_lags, term_dims, term_order
 from policy.spec import ObservationGroup
 from robot.robot import Robot
+from train.learner.networks import Residual
 from train.world_model.network import Network
 from train.world_model.ring import MARGIN
 
@@ -98,7 +99,7 @@ class CarryingTargets(nn.Module):
         return targets / self._action_scale
 
 
-class BoundedResidual(nn.Module):
+class BoundedResidual(Residual):
     """What the network adds to the action: within three scales of each joint, half of a motor's torque each.
 
     Args:
@@ -132,24 +133,6 @@ class BoundedResidual(nn.Module):
         scale_rad = (TORQUE_SHARE * robot.torque_limit_nm / robot.kp).clip(*SCALE_RANGE_RAD)
         reach = REACH * scale_rad / action_scale
         self.register_buffer("bound", torch.tensor(reach, device="cpu").float(), persistent=False)
-
-    @property
-    def output(self) -> nn.Linear:
-        """The last layer."""
-        return self.network.output
-
-    @property
-    def low_precision(self) -> bool:
-        """Whether products are in bf16."""
-        return self.network.low_precision
-
-    @low_precision.setter
-    def low_precision(self, value: bool) -> None:
-        self.network.low_precision = value
-
-    def stored(self, x: Tensor) -> Tensor:
-        """x as it is kept for a later pass."""
-        return x
 
     def prepare(self) -> None:
         """See :meth:`Network.prepare`."""

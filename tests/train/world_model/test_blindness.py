@@ -7,6 +7,7 @@ import torch
 
 from robot.robot import load_robot
 from tests.train.world_model.small import iterate, small
+from train.world_model import blindness
 from train.world_model.blindness import BlindSpot, blind_spots, describe
 from train.world_model.state import Motion, unpack
 
@@ -47,6 +48,25 @@ def test_errors_of_some_steps_are_compared_with_those_of_the_others(monkeypatch)
     spots = {spot.what: spot for spot in blind_spots(learner, ROBOT, observations)}
     assert seen["steps"] <= 99 * env.num_envs and all(1 / 3 <= spot.ratio <= 3.0 for spot in spots.values())
     assert "a foot lands or lifts" in spots and 0.0 < spots["a foot lands or lifts"].share < 1.0
+
+
+def test_each_step_is_compared_once_where_few_are_remembered(monkeypatch):
+    env, learner = small(
+        "world_model.processes=1", "world_model.capacity=592", "world_model.fitting.warm_up_steps=592",
+        "world_model.starts.newest_steps=296",
+    )  # fmt: skip
+    observations, _ = iterate(env, learner, env.reset(), 1)
+    compared = []
+
+    def losses(fitting, ring, times, robots):
+        compared.extend(zip((ring.next - times - 1) % ring.steps, robots, strict=True))
+        return torch.ones(len(times))
+
+    monkeypatch.setattr(blindness, "_losses", losses)
+    blind_spots(learner, ROBOT, observations)
+    ages = [int(age) for age, _ in compared]
+    assert learner.ring.steps == 74 and len({(int(age), int(robot)) for age, robot in compared}) == len(compared)
+    assert min(ages) == 1 and max(ages) == 71  # two older ones are what a queue still holds
 
 
 def test_a_spot_in_words():

@@ -23,6 +23,7 @@ from tests.train.worlds import beginning_of
 from train.command import execute
 from train.companion import read_companion
 from train.lineage import find_source
+from train.nan_guard import NonFiniteError
 from train.report.preset import nearest_preset
 
 pytestmark = pytest.mark.usefixtures("light")
@@ -232,7 +233,7 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
     nearest_preset({})  # composed once for a process, as this machine has it
     monkeypatch.setattr("train.config.resolve_device", lambda wanted: "cuda" if wanted == "auto" else wanted)
 
-    def completed(setup):
+    def completed(setup, stop):
         begun.append(setup)
         setup.run_dir.mkdir(parents=True, exist_ok=True)
         shutil.copy(trained / "actor.onnx", setup.run_dir)
@@ -267,6 +268,17 @@ def test_the_last_mile_is_a_run_of_its_own_that_begins_with_what_was_exported(sm
             assert (met.events["push"].params, met.events["push"].interval_s) == ({"velocity_m_s": 0.6}, (5.0, 10.0))
             assert f"motion={mile.config.motion}" == small[0]
         begun.clear()
+
+
+def test_blind_spots_that_cannot_be_told_do_not_keep_the_actor_from_being_written(small, tmp_path, monkeypatch):
+    def diverged(*arguments):
+        raise NonFiniteError("rewards")
+
+    monkeypatch.setattr("train.world_model.learner.blind_spots", diverged)
+    with pytest.raises(NonFiniteError):
+        execute([*small, "iterations=13", "evaluate_every=null", f"run_dir={tmp_path / 'run'}"])
+    assert (tmp_path / "run" / "actor.onnx").exists()
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == "completed"
 
 
 def _width(path):
