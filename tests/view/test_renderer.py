@@ -40,12 +40,11 @@ def _picture(model, data, backend, monkeypatch, **options):
 
 
 def _without_robot(model, data):
-    """The same place with the robot's shapes lifted out of sight."""
+    """The same place with the robot lifted out of sight."""
     empty = mujoco.MjData(model)
     empty.qpos[:] = data.qpos
+    empty.qpos[2] += 100.0
     mujoco.mj_forward(model, empty)
-    moving = model.geom_bodyid > 0
-    empty.geom_xpos[moving, 2] += 100.0
     return empty
 
 
@@ -133,6 +132,22 @@ def test_a_bare_model_can_be_drawn(monkeypatch):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert _picture(model, data, "software", monkeypatch).std() > 5
+
+
+def test_meshes_are_drawn_with_their_shadows_and_shapes_without_colour_are_not(monkeypatch):
+    mesh = '<asset><mesh name="tetra" vertex="0 0 0  .4 0 0  0 .4 0  0 0 .4"/></asset>'
+    floor = '<geom type="plane" size="0 0 .1"/>'
+    pictures = []
+    for alpha in (0.0, 1.0):
+        robot = f'<body pos="0 0 .6"><freejoint/><geom type="mesh" mesh="tetra" rgba="1 .2 0 {alpha}"/></body>'
+        model = mujoco.MjModel.from_xml_string(f"<mujoco>{mesh}<worldbody>{floor}{robot}</worldbody></mujoco>")
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        pictures.append(_picture(model, data, "software", monkeypatch).astype(int))
+    orange = pictures[1][..., 0] - pictures[1][..., 2] > 60
+    darker = (pictures[0] - pictures[1]).min(-1) > 20
+    assert orange.sum() > 300 and (darker & ~orange)[HEIGHT // 2 :].sum() > 100
+    assert pictures[0].min() > 100
 
 
 def test_without_opengl_software_draws_and_says_once_what_to_install(g1, monkeypatch, capsys):
