@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from view.camera import Camera, floor_m
+from view.camera import camera_pose, floor_m
 from view.gl import GHOST_RGBA
 
 _GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # 0, 1, 2, as MuJoCo shows by default
@@ -27,7 +27,7 @@ class _View(NamedTuple):
     """Where the camera is and what it sees: a unit ray for each of the picture's P pixels, row by row."""
 
     eye: np.ndarray  # (3,)
-    turn: np.ndarray  # (3, 3), see Camera.pose
+    turn: np.ndarray  # (3, 3), see camera_pose
     rays: np.ndarray  # (P, 3)
 
 
@@ -47,16 +47,9 @@ class SoftwareRenderer:
         self._solids, self._moving = np.flatnonzero(shown), np.flatnonzero(shown & (model.geom_bodyid > 0))
         self._floor_m = floor_m(model)
 
-    @property
-    def backend(self) -> str:
-        """Always software."""
-        return "software"
-
-    def render(
-        self, data: mujoco.MjData, camera: Camera | None = None, ghost_qpos: np.ndarray | None = None
-    ) -> np.ndarray:
+    def render(self, data: mujoco.MjData, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
         """The state as (H, W, 3) uint8, ``ghost_qpos`` (nq,) translucent in the same picture."""
-        eye, turn = (camera or Camera()).pose(data)
+        eye, turn = camera_pose(data)
         view = _View(eye, turn, self._rays @ turn.T.astype(np.float32))
         picture, depth = self._ground(view, data)
         self._draw(picture, depth, view, data)
@@ -68,12 +61,6 @@ class SoftwareRenderer:
 
     def close(self) -> None:
         """Nothing to give back."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _ground(self, view: _View, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Sky and floor (P, 3), colours from 0 to 1, and the distance of the floor along each ray (P,)."""
