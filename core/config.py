@@ -33,8 +33,8 @@ def load_options(kind: type[T], path: Path) -> T:
 
 
 @contextmanager
-def errors_in(path: str | Path) -> Iterator[None]:
-    """Errors about the content of a file, or of something that has a name, name it."""
+def errors_in(path: str | Path | None) -> Iterator[None]:
+    """Errors about the content of a file, or of something that has a name, name it; as they are where it has none."""
     try:
         yield
     except InputError as error:

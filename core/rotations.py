@@ -17,6 +17,7 @@ import numpy as np
 Array = Any  # np.ndarray or torch.Tensor
 
 _SMALL = 1e-12
+_SMALLEST_SQUARE = 1e-36  # of a length that makes no difference to any number here, but leaves a root's slope finite
 
 
 def array_module(array: Array) -> ModuleType:
@@ -28,7 +29,7 @@ def array_module(array: Array) -> ModuleType:
 
 def normalize(v: Array) -> Array:
     """``v`` (..., n) at unit length; a zero vector stays zero."""
-    norm = (v * v).sum(-1)[..., None] ** 0.5
+    norm = _length(v)
     return v / (norm + (norm < _SMALL) * 1.0)
 
 
@@ -79,7 +80,7 @@ def quat_from_axis_angle(axis: Array, angle_rad: Array) -> Array:
 def quat_from_rotvec(rotvec_rad: Array) -> Array:
     """Turn by the length of ``rotvec_rad`` (..., 3) about its direction."""
     xp = array_module(rotvec_rad)
-    angle = (rotvec_rad * rotvec_rad).sum(-1)[..., None] ** 0.5
+    angle = _length(rotvec_rad)
     small = angle < 1e-8
     factor = xp.where(small, 0.5 + 0.0 * angle, xp.sin(0.5 * angle) / (angle + small * 1.0))
     return xp.concatenate([xp.cos(0.5 * angle), factor * rotvec_rad], -1)
@@ -89,7 +90,7 @@ def quat_to_rotvec(q: Array) -> Array:
     """Axis times angle (..., 3), the angle in [0, pi]; q and -q give the same."""
     xp = array_module(q)
     q = xp.where(q[..., :1] < 0, -q, q)
-    sine = (q[..., 1:] * q[..., 1:]).sum(-1)[..., None] ** 0.5
+    sine = _length(q[..., 1:])
     small = sine < 1e-8
     angle = 2.0 * xp.arctan2(sine, q[..., :1])
     return xp.where(small, 2.0 + 0.0 * sine, angle / (sine + small * 1.0)) * q[..., 1:]
@@ -149,6 +150,12 @@ def rotate_parts(q: Sequence[Array], v: Sequence[Array]) -> list[Array]:
     w, x, y, z = q
     t = [2.0 * part for part in cross_parts((x, y, z), v)]
     return [v_i + w * t_i + c_i for v_i, t_i, c_i in zip(v, t, cross_parts((x, y, z), t))]
+
+
+def _length(v: Array) -> Array:
+    """Length (..., 1) of vectors (..., n); torch's never quite 0, where the gradient of a root is not a number."""
+    squares = (v * v).sum(-1)[..., None]
+    return (squares.clamp(min=_SMALLEST_SQUARE) if hasattr(squares, "unbind") else squares) ** 0.5
 
 
 def _parts(a: Array) -> list[Array]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from core.files import write_whole
 from core.structured import parse
@@ -133,10 +134,8 @@ def clip_from_bytes(content: bytes, where: str = "clip") -> Clip:
     if unknown or missing:
         got = "; ".join(f"{kind} {', '.join(n)}" for kind, n in (("unknown", unknown), ("missing", missing)) if n)
         raise InputError("wrong fields", where=where, got=got, expected=", ".join(FIELDS))
-    try:
+    with errors_in(where):
         return Clip(**_plain_values(arrays))
-    except InputError as error:
-        raise InputError(str(error), where=where) from error
 
 
 def _plain_values(arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:

@@ -58,11 +58,10 @@ class Manifest:
 
 @dataclass(frozen=True)
 class NamedClip:
-    """A clip, and what its set says of it."""
+    """A clip, and what its set calls it."""
 
     name: str
     clip: Clip
-    labels: tuple[str, ...] = ()
 
 
 def open_clips(motions: Sequence[str], robot: Robot) -> tuple[NamedClip, ...]:
@@ -126,4 +125,4 @@ def _opened(manifest: Path, entry: Entry, robot: Robot) -> NamedClip:
         hint = f"retarget it first: motion/process --input {path}"
         raise InputError("is a human's motion", where=f"{where}.file", got=kind.value, expected="a robot's", hint=hint)
     clip = read_clip(content, kind, str(path), robot, entry.fps)
-    return NamedClip(entry.name, replace(clip, license=entry.licence or clip.license), entry.labels)
+    return NamedClip(entry.name, replace(clip, license=entry.licence or clip.license))

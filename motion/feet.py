@@ -4,6 +4,7 @@ import numpy as np
 
 from core.rotations import quat_rotate
 from motion.reference import Reference
+from motion.resample import at_frames
 from robot.robot import Robot
 
 CONTACT_RULE_FPS = 30.0
@@ -76,10 +77,3 @@ def contact_mask(
     way = way * (fps / CONTACT_RULE_FPS / window)
     slow = (way**2).sum(axis=-1) < MAX_SQUARED_STEP_M2
     return (slow & (foot_pos_w[..., 2] < max_height_m)).astype(np.float64)
-
-
-def at_frames(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """`values` (N, ...) at fractional `frames`, linear."""
-    first = np.minimum(frames.astype(np.int64), len(values) - 2)
-    part = (frames - first).reshape(-1, *[1] * (values.ndim - 1))
-    return values[first] + part * (values[first + 1] - values[first])

@@ -17,15 +17,15 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, struct.error)
 
 
-def read_file(path: str | Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Bytes of a regular file of at most `max_bytes`. Raises InputError naming the file."""
+def read_file(path: str | Path) -> bytes:
+    """Bytes of a regular file of at most MAX_FILE_BYTES. Raises InputError naming the file."""
     path = Path(path)
     try:
         if not path.is_file():
             raise InputError("is no file" if path.exists() else "no such file", where=path, expected="a motion file")
         size = path.stat().st_size
-        if size > max_bytes:
-            raise InputError("file too large", where=path, got=f"{size} bytes", expected=f"at most {max_bytes}")
+        if size > MAX_FILE_BYTES:
+            raise InputError("file too large", where=path, got=f"{size} bytes", expected=f"at most {MAX_FILE_BYTES}")
         return path.read_bytes()
     except OSError as error:
         raise InputError("cannot be read", where=path, got=error.strerror or error) from error

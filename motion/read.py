@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip, clip_from_bytes
 from motion.formats import HUMAN_FORMATS, Format, format_of
@@ -72,7 +73,5 @@ def read_clip(content: bytes, kind: Format, where: str, robot: Robot, fps: float
         return mjlab_npz.read_mjlab(read_npz(content, where, mjlab_npz.FIELDS), where, robot, fps)
     clip = clip_from_bytes(content, where) if kind is Format.CLIP else read_pbhc(content, where)
     joint_columns(clip, robot, where)
-    try:
+    with errors_in(where):
         return clip if fps is None else replace(clip, fps=fps)
-    except InputError as error:
-        raise InputError(str(error), where=where) from error

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip
 from motion.resample import sample_clip
@@ -96,7 +97,5 @@ def build_reference(clip: Clip, robot: Robot, dt_s: float = 0.02) -> Reference:
 
 def joint_columns(clip: Clip, robot: Robot, where: str | None = None) -> np.ndarray:
     """Columns (J,) of the clip's joints in the robot's order. Raises InputError naming the joints that do not match."""
-    try:
+    with errors_in(where):
         return robot.joint_index(clip.joint_names)
-    except InputError as error:
-        raise InputError(str(error), where=where) from error

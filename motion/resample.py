@@ -34,34 +34,31 @@ def sample_clip(clip: Clip, times_s: np.ndarray) -> ClipSamples:
         raise InputError("bad times", got=times_s, expected="finite times, shape (T,)")
     frame = np.clip(times_s * clip.fps, 0.0, clip.num_frames - 1)
     first = np.minimum(frame.astype(np.int64), clip.num_frames - 2)
-    part = frame - first
-
-    def linear(values: np.ndarray) -> np.ndarray:
-        return values[first] + part[:, None] * (values[first + 1] - values[first])
-
-    quat = quat_slerp(clip.root_quat_wxyz[first], clip.root_quat_wxyz[first + 1], part)
+    quat = quat_slerp(clip.root_quat_wxyz[first], clip.root_quat_wxyz[first + 1], frame - first)
     return ClipSamples(
-        root_pos_w=linear(clip.root_pos_w),
+        root_pos_w=at_frames(clip.root_pos_w, frame),
         root_quat_wxyz=normalize(quat),
-        joint_pos_rad=linear(clip.joint_pos_rad),
-        contact=np.clip(linear(clip.contact), 0.0, 1.0),
-        root_lin_vel_w=linear(frame_velocity(clip.root_pos_w, clip.fps)),
-        root_ang_vel_w=linear(frame_angular_velocity_w(clip.root_quat_wxyz, clip.fps)),
-        joint_vel_rad_s=linear(frame_velocity(clip.joint_pos_rad, clip.fps)),
+        joint_pos_rad=at_frames(clip.joint_pos_rad, frame),
+        contact=np.clip(at_frames(clip.contact, frame), 0.0, 1.0),
+        root_lin_vel_w=at_frames(np.gradient(clip.root_pos_w, axis=0) * clip.fps, frame),
+        root_ang_vel_w=at_frames(frame_angular_velocity_w(clip.root_quat_wxyz, clip.fps), frame),
+        joint_vel_rad_s=at_frames(np.gradient(clip.joint_pos_rad, axis=0) * clip.fps, frame),
     )
 
 
-def frame_velocity(values: np.ndarray, fps: float) -> np.ndarray:
-    """Rate of change per second of `values` (N, ...) at its N frames: central differences, one-sided at the ends."""
-    after, before, span = _neighbours(len(values))
-    return (values[after] - values[before]) * fps / span.reshape(-1, *[1] * (values.ndim - 1))
+def at_frames(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """`values` (N, ...) at fractional `frames`, linear."""
+    first = np.minimum(frames.astype(np.int64), len(values) - 2)
+    part = (frames - first).reshape(-1, *[1] * (values.ndim - 1))
+    return values[first] + part * (values[first + 1] - values[first])
 
 
 def frame_angular_velocity_w(quat_wxyz: np.ndarray, fps: float) -> np.ndarray:
-    """World angular velocity (N,3) in rad/s at the N frames of unit quaternions (N,4), by the same differences."""
-    after, before, span = _neighbours(len(quat_wxyz))
+    """World angular velocity (N,3) in rad/s at the N frames of unit quaternions (N,4), by central differences."""
+    frames = np.arange(len(quat_wxyz))
+    after, before = np.minimum(frames + 1, frames[-1]), np.maximum(frames - 1, 0)
     turn = quat_to_rotvec(quat_mul(quat_wxyz[after], quat_conjugate(quat_wxyz[before])))
-    return turn * fps / span[:, None]
+    return turn * fps / (after - before)[:, None]
 
 
 def resample(clip: Clip, fps: float) -> Clip:
@@ -84,10 +81,3 @@ def resample(clip: Clip, fps: float) -> Clip:
         joint_pos_rad=samples.joint_pos_rad,
         contact=samples.contact,
     )
-
-
-def _neighbours(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Indices of the frame after and before each frame, kept inside, and their distance in frames."""
-    after = np.minimum(np.arange(count) + 1, count - 1)
-    before = np.maximum(np.arange(count) - 1, 0)
-    return after, before, (after - before).astype(np.float64)

@@ -7,10 +7,11 @@ import numpy as np
 from core.rotations import quat_conjugate, quat_mul, quat_slerp, quat_to_rotvec
 from motion.bearing import BearingShapes
 from motion.clip import Clip
-from motion.feet import at_frames, sole_points_w
+from motion.feet import sole_points_w
 from motion.human.motion import JOINTS, HumanMotion
 from motion.human.stability import body_points_of, center_of_mass_w, sole_points_of
 from motion.reference import joint_columns
+from motion.resample import at_frames
 from robot.robot import Robot
 
 STEP_S = 1.0 / 30.0  # velocities over less say more about noise than about the motion

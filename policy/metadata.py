@@ -14,6 +14,7 @@ from pathlib import Path
 
 import onnxruntime
 
+from core.config import errors_in
 from core.errors import InputError
 from core.files import write_whole
 from policy.session import open_session
@@ -69,10 +70,8 @@ def parse_metadata(entries: Mapping[str, str], where: str | Path) -> ActorMetada
     if SPEC_KEY not in entries:
         got = ", ".join(sorted(entries)) or "no metadata"
         raise InputError("not an actor of this project", where=where, got=got, expected=f"metadata {SPEC_KEY!r}")
-    try:
+    with errors_in(where):
         return ActorMetadata(spec_from_json(entries[SPEC_KEY]), _motion_bytes(entries))
-    except InputError as error:
-        raise InputError(str(error), where=where) from error
 
 
 def community_keys(spec: ActorSpec) -> dict[str, str]:

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import Self
 
 import mujoco
 import numpy as np
 
-from view.camera import Camera
+from view.camera import free_camera
 
 GHOST_RGBA = (0.20, 0.62, 0.92, 0.30)
 _MAX_GEOMS = 2000
 
 
 class GlRenderer:
-    """Draws states of ``model`` in an off-screen buffer of ``width`` x ``height`` pixels."""
+    """Draws states of ``model`` off screen in ``width`` x ``height`` pixels; ``backend`` is egl or osmesa."""
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, backend: str) -> None:
         os.environ["PYOPENGL_PLATFORM"] = backend
         self._context = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
         self._context.make_current()
-        self._backend, self._model = backend, model
+        self._model = model
         model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
         model.vis.global_.offheight = max(model.vis.global_.offheight, height)
         self._buffer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -34,16 +33,9 @@ class GlRenderer:
         self._pixels = np.zeros((height, width, 3), dtype=np.uint8)
         self._ghost = mujoco.MjData(model)
 
-    @property
-    def backend(self) -> str:
-        """egl or osmesa."""
-        return self._backend
-
-    def render(
-        self, data: mujoco.MjData, camera: Camera | None = None, ghost_qpos: np.ndarray | None = None
-    ) -> np.ndarray:
+    def render(self, data: mujoco.MjData, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
         """The state as (H, W, 3) uint8, ``ghost_qpos`` (nq,) translucent in the same picture."""
-        view = (camera or Camera()).to_mujoco(data)
+        view = free_camera(data)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         scene = self._scene
         mujoco.mjv_updateScene(self._model, data, self._option, self._perturb, view, everything, scene)
@@ -58,12 +50,6 @@ class GlRenderer:
         """Free the GL context."""
         self._buffer.free()
         self._context.free()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def add_ghost(model: mujoco.MjModel, ghost: mujoco.MjData, qpos: np.ndarray, scene: mujoco.MjvScene) -> None:

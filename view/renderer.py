@@ -6,13 +6,10 @@ import functools
 import os
 import subprocess
 import sys
-from typing import Protocol, Self
 
 import mujoco
-import numpy as np
 
 from core.errors import InputError
-from view.camera import Camera
 from view.gl import GlRenderer
 from view.software import SoftwareRenderer
 
@@ -23,28 +20,8 @@ _PROBE = "import mujoco.{0}; context = mujoco.{0}.GLContext(16, 16); context.mak
 _PROBE_TIMEOUT_S = 60.0
 
 
-class Renderer(Protocol):
-    """Draws states of one model. ``backend`` is egl, osmesa or software."""
-
-    @property
-    def backend(self) -> str:
-        """How the pictures are made."""
-
-    def render(
-        self, data: mujoco.MjData, camera: Camera | None = None, ghost_qpos: np.ndarray | None = None
-    ) -> np.ndarray:
-        """The state as (H, W, 3) uint8; ``ghost_qpos`` (nq,) is drawn translucent into the same picture."""
-
-    def close(self) -> None:
-        """Give back what the renderer holds."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-def open_renderer(model: mujoco.MjModel, width: int, height: int) -> Renderer:
-    """A renderer of ``width`` x ``height`` pixels through EGL or OSMesa, else in plain numpy.
+def open_renderer(model: mujoco.MjModel, width: int, height: int) -> GlRenderer | SoftwareRenderer:
+    """A renderer of ``width`` x ``height`` pixels through EGL or OSMesa, else by MuJoCo's rays.
 
     ``MUJOCO_GL=egl|osmesa`` is tried first where set; ``KATA_RENDERER=egl|osmesa|software`` allows nothing else.
     Raises InputError on a size that is not positive, and when the forced backend does not work here.

@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 
 from robot.robot import Robot
-from view.camera import Camera
 from view.renderer import open_renderer
 from world.model import compile_model
 from world.scene import FLAT, Scene
@@ -42,12 +41,10 @@ class Stage:
     def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
-    def picture(
-        self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None, camera: Camera | None = None
-    ) -> np.ndarray:
+    def picture(self, qpos: np.ndarray, ghost_qpos: np.ndarray | None = None) -> np.ndarray:
         """(H,W,3) uint8 of a pose (7+J,): root position, root quaternion wxyz, joints in the robot's order."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)  # the lamp follows the robot
-        return self._renderer.render(self._data, camera, ghost_qpos)
+        return self._renderer.render(self._data, ghost_qpos)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -14,13 +14,15 @@ from core.errors import InputError
 from core.files import check_output_kind, replacing
 
 _QUALITY = {"crf": "20", "preset": "veryfast"}
+_HINT = "H.264 needs a PyAV with libx264, which its wheels have: pip install --force-reinstall --only-binary av av"
 
 
 class VideoWriter:
     """Writes H.264 (yuv420p) at ``fps``; ``size`` is (width, height), both even.
 
     A context manager: the file appears when the block ends without an error. Raises InputError at
-    construction on a size or rate that cannot be written, a missing folder, or without PyAV.
+    construction on a size or rate that cannot be written, a missing folder, or without PyAV; when the block begins,
+    where PyAV cannot write H.264.
     """
 
     def __init__(self, path: Path | str, fps: float, size: tuple[int, int]) -> None:
@@ -37,20 +39,26 @@ class VideoWriter:
         self._stream: Any = None
 
     def __enter__(self) -> Self:
-        partial = self._exit.enter_context(replacing(self._path))
-        self._container = self._av.open(str(partial), mode="w", format="mp4")
-        self._stream = self._container.add_stream("libx264", rate=self._rate, options=_QUALITY)
-        self._stream.width, self._stream.height = self._size
-        self._stream.pix_fmt = "yuv420p"
+        with ExitStack() as undo:
+            partial = undo.enter_context(replacing(self._path))
+            try:
+                self._container = undo.enter_context(closing(self._av.open(str(partial), mode="w", format="mp4")))
+                self._stream = self._container.add_stream("libx264", rate=self._rate, options=_QUALITY)
+            except (ValueError, OSError, self._av.FFmpegError) as error:
+                raise InputError("PyAV cannot write it", where=self._path, got=error, hint=_HINT) from error
+            self._stream.width, self._stream.height = self._size
+            self._stream.pix_fmt = "yuv420p"
+            undo.push(self._finish)
+            self._exit = undo.pop_all()
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        try:
-            if error is None:
-                self._container.mux(self._stream.encode())
-        finally:
-            self._container.close()
-            self._exit.__exit__(kind, error, trace)
+        self._exit.__exit__(kind, error, trace)
+
+    def _finish(self, _: Any, error: Any, __: Any) -> None:
+        """The last pictures, unless the block failed."""
+        if error is None:
+            self._container.mux(self._stream.encode())
 
     def add(self, picture: np.ndarray) -> None:
         """Append a picture (H, W, 3) uint8. Raises InputError when it is of another size or kind."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from core.errors import InputError
-from view.camera import Camera
+from view.camera import free_camera
 from view.gl import add_ghost
 
 
@@ -20,11 +20,11 @@ class LiveViewer:
     Raises InputError where no window can be opened.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: Camera | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         _check_display()
         self._model, self._data, self._ghost = model, data, mujoco.MjData(model)
         self._window = _launch(model, data)
-        view = (camera or Camera()).to_mujoco(data)
+        view = free_camera(data)
         self._window.cam.lookat[:] = view.lookat
         self._window.cam.azimuth, self._window.cam.elevation = view.azimuth, view.elevation
         self._window.cam.distance = view.distance
@@ -46,12 +46,6 @@ class LiveViewer:
     def close(self) -> None:
         """Close the window."""
         self._window.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _check_display() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from core.config import errors_in
 from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.actors import check_start, follows_goals, load_run, load_runs
@@ -117,12 +118,10 @@ class GoalDesk:
         assert step.clip is not None and self.stand is not None
         beside = path.parent / step.clip
         where = f"{path}: steps[{number}].clip"
-        try:
+        with errors_in(where):
             file = beside if beside.is_file() else step.clip
             run = load_run(policy, file, self.robot, self.settings.entry, step.kind)
             check_start(run, self.stand, self.robot, self.settings.entry)
-        except InputError as error:
-            raise InputError(str(error), where=where) from error
         if run.scene != self.stand.scene:
             raise InputError(
                 "not on flat ground", where=where, got="a clip with a scene", hint="play it by --goal clip:"

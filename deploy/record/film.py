@@ -1,6 +1,7 @@
 """Frames of a run with what is asked as a ghost, remembered while it runs and drawn afterwards."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -79,7 +80,7 @@ class Film:
             return False
         data = mujoco.MjData(model)
         try:
-            with open_renderer(model, *self._size) as renderer, self._writer as video:
+            with closing(open_renderer(model, *self._size)) as renderer, self._writer as video:
                 for qpos, ghost in self._chosen():
                     if enough():
                         raise _Enough

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from core.config import config_file, load_options
+from core.config import config_file, errors_in, load_options
 from core.errors import InputError
 from core.names import check_same_names
 from core.structured import distinct, one_of, positive, within
@@ -102,10 +102,8 @@ class MotorEntry:
 
     def make_codec(self) -> Codec:
         """Its codec, with the ranges of the table. Raises InputError naming the joint."""
-        try:
+        with errors_in(f"motor of {self.joint}"):
             return make_codec(self.codec, self.id, self.model, host_id=self.host_id, **self.options)
-        except InputError as error:
-            raise InputError(str(error), where=f"motor of {self.joint}") from error
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def load_choreography(
     """
     table = read_yaml(path)
     with errors_in(path):
-        walks = isinstance(table, dict) and "walk" in table
+        walks = "walk" in table
         check_keys(table, ("fps", "walk" if walks else "keys"), "")
         fps = parse(float, table["fps"], "fps")
         within("fps", fps, 1.0, 1000.0)

@@ -12,7 +12,6 @@ from core.errors import InputError
 from core.text_table import text_table
 from motion.filter import Verdict, judge
 from motion.library import open_motion
-from motion.physics_checks import check_clip
 from motion.report.labels import FIGURES, figure_text
 from motion.report.record import NOT_TRACKABLE, TRACKABLE, figures, residual_of
 from motion.report.trace import trace_clip
@@ -72,8 +71,7 @@ def find(name_or_file: str, robot: Robot, fps: float | None = None) -> ClipFindi
     verdict = judge((clip, robot))
     with errors_in(name_or_file):
         residual = residual_of(clip, robot)
-    told = figures(check_clip(clip, robot), trace_clip(clip, robot), verdict, residual)
-    return ClipFinding(name_or_file, verdict, told)
+    return ClipFinding(name_or_file, verdict, figures(trace_clip(clip, robot), verdict, residual))
 
 
 def report(findings: Sequence[ClipFinding]) -> str:

@@ -9,6 +9,7 @@ from core.errors import InputError
 from motion.clip import Clip
 from motion.reference import joint_columns
 from robot.robot import Robot
+from world.scene import Box
 
 _ACROSS = np.array([1.0, -1.0, 1.0])
 _SAME_AXIS = 1e-3
@@ -17,7 +18,7 @@ _SIDES = (("left_", "right_"), ("right_", "left_"))
 
 
 def mirror_clip(clip: Clip, robot: Robot) -> Clip:
-    """The mirror image of `clip` across the world's x-z plane: y becomes -y, left limbs move as right ones did.
+    """The mirror image of `clip` and its scene across the world's x-z plane: y becomes -y, left limbs move as right.
 
     Joints pair by name (left_*, right_*), others with themselves, and come in the robot's order. Which angles change
     their sign, the model says. Raises InputError when joints do not match or the robot is not its own mirror image.
@@ -31,7 +32,13 @@ def mirror_clip(clip: Clip, robot: Robot) -> Clip:
         root_quat_wxyz=clip.root_quat_wxyz * np.array([1.0, -1.0, 1.0, -1.0]),
         joint_pos_rad=joint_pos[:, partner] * sign,
         contact=clip.contact[:, ::-1],
+        scene=replace(clip.scene, boxes=tuple(_mirrored(box) for box in clip.scene.boxes)),
     )
+
+
+def _mirrored(box: Box) -> Box:
+    x, y, z = box.centre_m
+    return replace(box, centre_m=(x, 0.0 - y, z), yaw_rad=0.0 - box.yaw_rad)  # no -0.0: a clip's digest tells it from 0
 
 
 def joint_mirror(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

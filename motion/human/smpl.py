@@ -46,7 +46,9 @@ def read_amass(arrays: Mapping[str, np.ndarray], where: str, fps: float | None) 
     Raises InputError naming `where` and the field.
     """
     poses = _numbers(arrays, "poses", where)
-    model = _text(arrays, "surface_model_type") or _MODEL_OF_WIDTH.get(poses.shape[1], "smpl")
+    model = _text(arrays, "surface_model_type")
+    if model not in _MODEL_OF_WIDTH.values():  # none, or a variant's name such as smplx_locked_head
+        model = _MODEL_OF_WIDTH.get(poses.shape[1], "smpl")
     stated = None
     for name in (name for name in RATES if name in arrays):
         if arrays[name].size != 1 or arrays[name].dtype.kind not in "fiu":
@@ -57,7 +59,7 @@ def read_amass(arrays: Mapping[str, np.ndarray], where: str, fps: float | None) 
         rotvec_rad=_rotations(poses, f"{where}: poses"),
         trans_m=_translations(_numbers(arrays, "trans", where), len(poses), f"{where}: trans"),
         betas=_betas(arrays.get("betas"), where),
-        model=model if model in _MODEL_OF_WIDTH.values() else "smpl",
+        model=model,
         gender=_text(arrays, "gender") or "neutral",
         kind="AMASS files",
         usual_up="z",

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip
 from motion.frames import MAX_FRAMES, check_frames
@@ -28,7 +29,7 @@ def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None 
     names = _JOINTS[rows.shape[1]]
     kept = [i for i, name in enumerate(names) if name in JOINTS_23]
     assumed = f", {DEFAULT_FPS:g} frames per second assumed: the file does not say" if fps is None else ""
-    try:
+    with errors_in(where):
         clip = Clip(
             fps=DEFAULT_FPS if fps is None else fps,
             joint_names=tuple(names[i] for i in kept),
@@ -40,8 +41,6 @@ def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None 
             license="not stated in the file",
             created_by=f"kata, from a {len(names)}-joint CSV{assumed}",
         )
-    except InputError as error:
-        raise InputError(str(error), where=where) from error
     return on_the_ground(clip, robot, where)
 
 

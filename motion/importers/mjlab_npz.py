@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip
 from motion.frames import check_frames, choose_fps
@@ -35,7 +36,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
     for name, ordered in _ORDERS.items():
         joints = ordered(maker_order)
         kept = [i for i, joint in enumerate(joints) if joint in JOINTS_23]
-        try:
+        with errors_in(where):
             clip = Clip(
                 fps=rate,
                 joint_names=tuple(joints[i] for i in kept),
@@ -47,8 +48,6 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
                 license="not stated in the file",
                 created_by=f"kata, from an .npz of {len(joints)} joints, {name}",
             )
-        except InputError as error:
-            raise InputError(str(error), where=where) from error
         clips[_body_error_m(clip, link_names(joints), body_pos, robot)] = clip
     error_m, clip = min(clips.items())
     if error_m > MAX_BODY_ERROR_M:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from core.config import errors_in
 from core.errors import InputError
 from motion.clip import Clip
 from motion.importers.g1_joints import JOINTS_23
@@ -25,7 +26,7 @@ def read_pbhc(content: bytes, where: str) -> Clip:
     fps: Any = fields["fps"]
     if isinstance(fps, np.ndarray) and fps.size == 1:
         fps = fps.item()
-    try:
+    with errors_in(where):
         return Clip(
             fps=fps,
             joint_names=JOINT_NAMES,
@@ -37,8 +38,6 @@ def read_pbhc(content: bytes, where: str) -> Clip:
             license="not stated in the file",
             created_by="kata, from a PBHC pickle",
         )
-    except InputError as error:
-        raise InputError(str(error), where=where) from error
 
 
 def wxyz_of_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:

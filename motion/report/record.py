@@ -11,7 +11,6 @@ import numpy as np
 from motion.clip import Clip
 from motion.filter import Verdict
 from motion.human.motion import HumanMotion
-from motion.physics_checks import ClipReport, check_clip
 from motion.reference import build_reference
 from motion.report.trace import Trace, trace_clip
 from motion.report.warnings import warnings_of
@@ -60,7 +59,7 @@ class Record:
         found = [f"input: {reason}" for reason in self.input_verdict.reasons]
         if self.clip_verdict is not None:
             found += [f"clip: {reason}" for reason in self.clip_verdict.reasons]
-        told = figures(self.checks, self.trace, self.clip_verdict, self.residual)
+        told = figures(self.trace, self.clip_verdict, self.residual)
         found += [f"clip: {warning}" for warning in warnings_of(told)]
         if self.failure is not None:
             found.append(f"no clip: {self.failure}")
@@ -77,11 +76,6 @@ class Record:
         return None if self.clip is None else trace_clip(self.clip, self.robot)
 
     @cached_property
-    def checks(self) -> ClipReport | None:
-        """The written clip's figures."""
-        return None if self.clip is None else check_clip(self.clip, self.robot)
-
-    @cached_property
     def residual(self) -> Residual | None:
         """What the ground cannot supply of the written clip."""
         return None if self.clip is None else residual_of(self.clip, self.robot)
@@ -92,7 +86,7 @@ def document(record: Record) -> dict[str, Any]:
     return {
         "verdict": record.verdict,
         "reasons": list(record.reasons),
-        **figures(record.checks, record.trace, record.clip_verdict, record.residual),
+        **figures(record.trace, record.clip_verdict, record.residual),
         "largest_change": _change(record.change),
         "failing_frames": _failing_frames(record),
         "rules": {name: _rules(verdict) for name, verdict in verdicts(record).items()},
@@ -117,12 +111,10 @@ def residual_of(clip: Clip, robot: Robot) -> Residual:
     return residual_wrench(demand_of(robot, build_reference(clip, robot)))
 
 
-def figures(
-    checks: ClipReport | None, trace: Trace | None, verdict: Verdict | None, residual: Residual | None
-) -> dict[str, Any]:
+def figures(trace: Trace | None, verdict: Verdict | None, residual: Residual | None) -> dict[str, Any]:
     """Worst frame or worst contact in mm, counts of frames x joints, frames a colliding pair, the worst half second of
     the residual wrench; None without a clip."""
-    if checks is None or trace is None or verdict is None or residual is None:
+    if trace is None or verdict is None or residual is None:
         keys = ("penetration_mm", "floating_mm", "sliding_mm", "com_cop_mm", "airborne_frames")
         counts = ("limit_violations", "speed_violations", "self_collisions")
         return dict.fromkeys((*keys, *counts, "residual_torque_nm", "residual_force_n", "residual_at_s"))
@@ -130,13 +122,13 @@ def figures(
     worst_m = float(verdict.distance_m[supported].max()) if supported.any() else None
     return {
         "penetration_mm": _mm(float(trace.penetration_m.max())),
-        "floating_mm": _mm(checks.float_m),
-        "sliding_mm": _mm(checks.max_slide_m),
+        "floating_mm": _mm(trace.float_m),
+        "sliding_mm": _mm(trace.max_slide_m),
         "com_cop_mm": None if worst_m is None else _mm(worst_m),
         "airborne_frames": int((~supported).sum()),
-        "limit_violations": checks.position_violations,
-        "speed_violations": checks.speed_violations,
-        "self_collisions": checks.self_collisions,
+        "limit_violations": int(trace.position_violations.sum()),
+        "speed_violations": int(trace.speed_violations.sum()),
+        "self_collisions": trace.self_collisions,
         "residual_torque_nm": round(float(residual.torque_nm[residual.worst]), 1),
         "residual_force_n": round(float(residual.force_n[residual.worst]), 1),
         "residual_at_s": float(residual.start_s[residual.worst]),

@@ -11,8 +11,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from motion.clip import Clip
 from motion.human.motion import JOINTS, PARENTS, HumanMotion
+from motion.reference import joint_columns
 from motion.report.figures import png_of
-from motion.report.trace import trace_clip
 from robot.robot import Robot
 
 INSTANTS = 6
@@ -39,7 +39,9 @@ def skeleton_of(motion: HumanMotion | Clip, robot: Robot) -> PointTree:
     model = robot.model
     above = [int(parent) - 1 for parent in model.body_parentid[1:]]
     above += robot.body_index([point.parent for point in robot.points]).tolist()
-    return PointTree(motion.fps, trace_clip(motion, robot).body_pos_w, above, robot.tracked_names)
+    joint_pos = motion.joint_pos_rad[:, joint_columns(motion, robot)]
+    bodies = robot.kinematics.forward(motion.root_pos_w, motion.root_quat_wxyz, joint_pos)
+    return PointTree(motion.fps, bodies.pos_w, above, robot.tracked_names)
 
 
 def before_and_after(rows: Sequence[tuple[str, PointTree]]) -> bytes:

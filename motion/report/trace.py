@@ -1,5 +1,6 @@
 """A clip frame by frame as its report draws it: bodies, soles, contacts, limits."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import mujoco
@@ -7,11 +8,13 @@ import numpy as np
 
 from motion.clip import Clip
 from motion.feet import sole_points_w
-from motion.physics_checks import foot_slides_m, phases, position_violations, speed_violations
+from motion.physics_checks import phases, position_violations, speed_violations
 from motion.reference import joint_columns
 from robot.robot import Robot
 from world.model import build_spec
 from world.scene import Scene
+
+SELF_COLLISION_DEPTH_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class Trace:
     qpos (N,7+J); joint_pos_rad (N,J); joint_vel_rad_s (N-1,J) from one frame to the next; body_pos_w (N,P,3) of the
     tracked points; lowest_sole_m (N,2) height of each sole's lowest point above what lies under it; penetration_m (N,)
     of the deepest point of any body in the clip's scene; contact (N,2); position_violations (N,J) and
-    speed_violations (N-1,J).
+    speed_violations (N-1,J); self_collisions: frames in which two bodies are in each other by more than 1 mm, by
+    "body + body", most frequent first.
     """
 
     fps: float
@@ -46,11 +50,23 @@ class Trace:
     position_violations: np.ndarray
     speed_violations: np.ndarray
     slides: tuple[Slide, ...]
+    self_collisions: dict[str, int]
 
     @property
     def time_s(self) -> np.ndarray:
         """(N,) from the clip's first frame."""
         return np.arange(len(self.qpos)) / self.fps
+
+    @property
+    def max_slide_m(self) -> float:
+        """The worst contact's, 0 without one."""
+        return max((slide.way_m for slide in self.slides), default=0.0)
+
+    @property
+    def float_m(self) -> float:
+        """How far the lower sole is above what lies under it in the worst frame with contact, 0 without one."""
+        standing = (self.contact > 0.5).any(axis=1)
+        return float(self.lowest_sole_m[standing].min(axis=1).max(initial=0.0))
 
 
 def trace_clip(clip: Clip, robot: Robot) -> Trace:
@@ -59,6 +75,7 @@ def trace_clip(clip: Clip, robot: Robot) -> Trace:
     bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, joint_pos)
     soles = sole_points_w(robot, bodies.pos_w, bodies.quat_wxyz)
     qpos = np.concatenate([clip.root_pos_w, clip.root_quat_wxyz, joint_pos], axis=1)
+    penetration_m, self_collisions = _collisions(qpos, robot, clip.scene)
     return Trace(
         fps=clip.fps,
         scene=clip.scene,
@@ -67,31 +84,41 @@ def trace_clip(clip: Clip, robot: Robot) -> Trace:
         joint_vel_rad_s=np.diff(joint_pos, axis=0) * clip.fps,
         body_pos_w=bodies.pos_w,
         lowest_sole_m=clip.scene.above(soles).min(axis=2),
-        penetration_m=_penetration_m(qpos, robot, clip.scene),
+        penetration_m=penetration_m,
         contact=clip.contact,
         position_violations=position_violations(joint_pos, robot),
         speed_violations=speed_violations(joint_pos, clip.fps, robot),
-        slides=_slides(soles, clip.contact),
+        slides=slides_of(soles, clip.contact),
+        self_collisions=self_collisions,
     )
 
 
-def _slides(soles: np.ndarray, contact: np.ndarray) -> tuple[Slide, ...]:
+def slides_of(soles: np.ndarray, contact: np.ndarray) -> tuple[Slide, ...]:
+    """The left foot's slide in each phase of contact (contact > 0.5 in consecutive frames), then the right one's.
+
+    A slide is the largest horizontal distance of the middle of the sole from where the phase began. soles (N,2,S,3) m
+    in the world, contact (N,2).
+    """
+    middle = soles[..., :2].mean(axis=2)
     return tuple(
-        Slide(foot, first, end, way_m)
-        for foot, ways_m in enumerate(foot_slides_m(soles, contact))
-        for (first, end), way_m in zip(phases(contact[:, foot] > 0.5), ways_m, strict=True)
+        Slide(foot, first, end, float(np.linalg.norm(middle[first:end, foot] - middle[first, foot], axis=-1).max()))
+        for foot in (0, 1)
+        for first, end in phases(contact[:, foot] > 0.5)
     )
 
 
-def _penetration_m(qpos: np.ndarray, robot: Robot, scene: Scene) -> np.ndarray:
-    """(N,) how deep the shapes that collide are in floor and boxes, 0 where they are outside."""
+def _collisions(qpos: np.ndarray, robot: Robot, scene: Scene) -> tuple[np.ndarray, dict[str, int]]:
+    """See penetration_m and self_collisions of a Trace."""
     model = build_spec(robot, scene=scene).compile()
-    data, of_the_world = mujoco.MjData(model), model.geom_bodyid == 0
-    deepest_m = np.zeros(len(qpos))
+    data = mujoco.MjData(model)
+    deepest_m, counts = np.zeros(len(qpos)), Counter[str]()
     for frame, pose in enumerate(qpos):
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        on_scene = of_the_world[data.contact.geom].any(axis=1)
-        deepest_m[frame] = max(0.0, -data.contact.dist[on_scene].min(initial=0.0))
-    return deepest_m
+        bodies, dist_m = model.geom_bodyid[data.contact.geom], data.contact.dist
+        on_scene = (bodies == 0).any(axis=1)
+        deepest_m[frame] = max(0.0, -dist_m[on_scene].min(initial=0.0))
+        pairs = {tuple(sorted(pair)) for pair in bodies[~on_scene & (dist_m < -SELF_COLLISION_DEPTH_M)].tolist()}
+        counts.update(" + ".join(model.body(body).name for body in pair) for pair in pairs)
+    return deepest_m, dict(counts.most_common())

@@ -115,3 +115,14 @@ def test_torch_gives_numpys_numbers(quats, vectors):
         result = call(torch.tensor(quats), torch.tensor(vectors), torch.tensor(angles))
         assert result.dtype == torch.float64, name
         assert np.allclose(result.numpy(), call(quats, vectors, angles), atol=1e-13), name
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_torch_gradients_at_exactly_zero(dtype):
+    zero = torch.zeros(2, 3, dtype=dtype)
+    slope = torch.autograd.functional.jacobian(lambda v: rot.quat_from_rotvec(v), zero)[1, :, 1]
+    assert slope.tolist() == [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]
+    none = torch.tensor([1.0, 0, 0, 0], dtype=dtype)
+    assert torch.autograd.functional.jacobian(rot.quat_to_rotvec, none)[:, 1:].tolist() == (2.0 * np.eye(3)).tolist()
+    assert torch.autograd.functional.jacobian(rot.normalize, zero).isfinite().all()
+    assert not rot.normalize(zero).any() and not rot.quat_to_rotvec(none).any()

@@ -1,4 +1,4 @@
-"""Each check against poses and tracks whose answer is known by construction."""
+"""Each check, and what a trace sums up, against poses and tracks whose answer is known by construction."""
 
 from dataclasses import replace
 
@@ -8,15 +8,14 @@ import pytest
 from motion.feet import lowest_sole_m
 from motion.physics_checks import (
     center_of_pressure_w,
-    check_clip,
     com_cop_distance_m,
-    foot_slides_m,
     is_stable,
     phases,
     position_violations,
-    self_collisions,
     speed_violations,
 )
+from motion.report.trace import slides_of, trace_clip
+from tests.motion.checks import com_cop_m, sunk_m, within_limits
 from world.scene import Box, Scene
 
 SQUARE = np.array([[-0.1, -0.05], [-0.1, 0.05], [0.1, -0.05], [0.1, 0.05]])
@@ -40,14 +39,14 @@ def test_slide_is_counted_within_each_phase():
     left = np.stack([x, 0 * x, 0 * x], axis=1)
     right = np.stack([0 * x, 0 * x - 0.2, x], axis=1)
     contact = np.array([[1, 1], [1, 1], [1, 1], [0, 1], [1, 1], [0.5, 1]])
-    got_left, got_right = foot_slides_m(soles(left, right, 6), contact)
-    assert got_left == pytest.approx([0.03, 0.0])
-    assert got_right == pytest.approx([0.0])
+    found = slides_of(soles(left, right, 6), contact)
+    assert [(slide.foot, slide.first, slide.end) for slide in found] == [(0, 0, 3), (0, 4, 5), (1, 0, 6)]
+    assert [slide.way_m for slide in found] == pytest.approx([0.03, 0.0, 0.0])
 
 
 def test_slide_measures_distance_in_the_plane():
     left = np.array([[0.0, 0.0, 0.0], [0.03, 0.04, 0.0]])
-    assert foot_slides_m(soles(left, [0, 0, 0], 2), np.ones((2, 2)))[0] == pytest.approx([0.05])
+    assert slides_of(soles(left, [0, 0, 0], 2), np.ones((2, 2)))[0].way_m == pytest.approx(0.05)
 
 
 def test_pressure_between_two_flat_feet_is_in_the_middle():
@@ -116,11 +115,10 @@ def on_the_ground(clip, robot):
 
 
 def test_report_of_a_standing_robot(robot, standing_clip):
-    clip = standing_clip()
-    report = check_clip(standing_clip(root_pos_w=on_the_ground(clip, robot)), robot)
-    assert report.max_slide_m == 0.0 and report.penetration_m < 1e-9 and report.float_m < 1e-9
-    assert report.position_violations == report.speed_violations == 0
-    assert report.stable and report.stable_share == 1.0 and report.max_com_cop_m < 0.1
+    clip = standing_clip(root_pos_w=on_the_ground(standing_clip(), robot))
+    report = trace_clip(clip, robot)
+    assert report.max_slide_m == 0.0 and sunk_m(report) < 1e-9 and report.float_m < 1e-9
+    assert within_limits(report) and com_cop_m(clip, robot).max() < 0.1
     assert report.self_collisions == {}
 
 
@@ -128,8 +126,11 @@ def test_heights_are_measured_from_the_scene(robot, standing_clip):
     """On a floor 20 cm lower, and on a box there whose top is where the ground was: floats, stands."""
     clip = standing_clip(root_pos_w=on_the_ground(standing_clip(), robot))
     box = Box((0.0, 0.0, -0.1), (0.5, 0.5, 0.1))
-    assert check_clip(replace(clip, scene=Scene(-0.2)), robot).float_m == pytest.approx(0.2)
-    assert check_clip(replace(clip, scene=Scene(-0.2, (box,))), robot) == check_clip(clip, robot)
+    assert trace_clip(replace(clip, scene=Scene(-0.2)), robot).float_m == pytest.approx(0.2)
+    on_box = replace(clip, scene=Scene(-0.2, (box,)))
+    here, there = trace_clip(clip, robot), trace_clip(on_box, robot)
+    assert there.float_m == here.float_m and np.array_equal(there.lowest_sole_m, here.lowest_sole_m)
+    assert np.array_equal(com_cop_m(on_box, robot), com_cop_m(clip, robot))
 
 
 def test_report_of_a_robot_that_sinks_floats_and_slides(robot, standing_clip):
@@ -138,8 +139,8 @@ def test_report_of_a_robot_that_sinks_floats_and_slides(robot, standing_clip):
     moved[10, 2] -= 0.03
     moved[20, 2] += 0.02
     moved[25:, 0] += 0.05
-    report = check_clip(standing_clip(root_pos_w=moved), robot)
-    assert report.penetration_m == pytest.approx(0.03)
+    report = trace_clip(standing_clip(root_pos_w=moved), robot)
+    assert sunk_m(report) == pytest.approx(0.03)
     assert report.float_m == pytest.approx(0.02)
     assert report.max_slide_m == pytest.approx(0.05)
 
@@ -147,21 +148,21 @@ def test_report_of_a_robot_that_sinks_floats_and_slides(robot, standing_clip):
 def test_a_jump_has_no_distance(robot, standing_clip):
     high = on_the_ground(standing_clip(), robot)
     high[15, 2] += 0.3
-    report = check_clip(standing_clip(root_pos_w=high), robot)
-    assert report.max_com_cop_m == np.inf
+    assert com_cop_m(standing_clip(root_pos_w=high), robot).max() == np.inf
 
 
 def test_a_robot_that_leans_too_far_is_unstable(robot, standing_clip):
     quat = np.tile([np.cos(0.15), 0.0, np.sin(0.15), 0.0], (31, 1))
     clip = standing_clip(root_quat_wxyz=quat)
-    assert not check_clip(standing_clip(root_quat_wxyz=quat, root_pos_w=on_the_ground(clip, robot)), robot).stable
+    clip = replace(clip, root_pos_w=on_the_ground(clip, robot))
+    assert not is_stable(com_cop_m(clip, robot), clip.fps)
 
 
-def test_self_collision_names_the_bodies(robot):
+def test_self_collision_names_the_bodies(robot, standing_clip):
     joints = np.tile(robot.default_pos_rad, (2, 1))
     inward = {"left_hip_roll_joint": -0.3, "right_hip_roll_joint": 0.3}
     for name, angle in inward.items():
         joints[1, robot.joint_names.index(name)] = angle
-    found = self_collisions(np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), joints, robot)
+    found = trace_clip(standing_clip(2, joint_pos_rad=joints), robot).self_collisions
     assert found and set(found.values()) == {1}
     assert all("left_" in pair and "right_" in pair for pair in found)

@@ -40,7 +40,7 @@ def test_a_person_with_arms_to_the_sides_becomes_a_robot_with_arms_to_the_sides(
     assert arm[0] > 0.9 * np.linalg.norm(arm)  # who faces -y has the left arm along +x
     assert abs(at["left_hand_link"][2] - at["right_hand_link"][2]) < 0.02
     assert (record.clip.contact[middle] == 1.0).all()
-    told = figures(record.checks, record.trace, record.clip_verdict, record.residual)
+    told = figures(record.trace, record.clip_verdict, record.residual)
     assert told["penetration_mm"] < 1.0 and told["floating_mm"] < 5.0 and told["sliding_mm"] < 1.0
 
 
@@ -98,7 +98,7 @@ def test_a_rejected_motion_goes_on_as_far_as_it_can(standing_clip, tmp_path):
 @needs_shared_data
 def test_the_recorded_person_stands_on_the_ground_and_slides_little():
     record = process(ProcessRequest(SHARED / "bvh" / "mocapbank.bvh", "mocapbank"), lambda text: None)
-    told = figures(record.checks, record.trace, record.clip_verdict, record.residual)
+    told = figures(record.trace, record.clip_verdict, record.residual)
     assert told["penetration_mm"] <= 10.0 and told["sliding_mm"] <= 20.0
     assert told["limit_violations"] == told["speed_violations"] == 0
 
@@ -108,7 +108,7 @@ def test_the_recorded_person_stands_on_the_ground_and_slides_little():
 def test_a_robots_recording_stands_on_the_ground(name):
     said = []
     record = process(ProcessRequest(SHARED / "g1moves" / f"{name}.csv", name, fps=60.0), said.append)
-    told = figures(record.checks, record.trace, record.clip_verdict, record.residual)
+    told = figures(record.trace, record.clip_verdict, record.residual)
     assert record.verdict == TRACKABLE and record.reasons == ()
     assert told["penetration_mm"] <= 10.0 and told["sliding_mm"] <= 20.0 and told["floating_mm"] <= 20.0
     assert told["limit_violations"] == told["speed_violations"] == 0

@@ -1,12 +1,16 @@
 """Videos, filmstrips, and the live viewer's refusal without a display."""
 
 import io
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import av
 import matplotlib.image
 import mujoco
 import numpy as np
 import pytest
+from av.codec.codec import UnknownCodecError
 
 from core.errors import InputError
 from tests.robot.toy import load_toy
@@ -42,6 +46,55 @@ def test_an_error_leaves_no_video(tmp_path):
         video.add(_pictures(1)[0])
         raise RuntimeError("stop")
     assert not list(tmp_path.iterdir())
+
+
+class Container:
+    """PyAV's, of a build without libx264, or of one that fails at the video's end."""
+
+    def __init__(self, path, encoder):
+        Path(path).write_bytes(b"a beginning")
+        self.add_stream, self.mux, self.closed = encoder, lambda packet: None, False
+
+    def close(self):
+        self.closed = True
+
+
+def _no_encoder(name, **options):
+    raise UnknownCodecError(name)
+
+
+def _no_end(name, **options):
+    def fail():
+        raise OSError("disk full")
+
+    return SimpleNamespace(encode=fail)
+
+
+def _stub_av(monkeypatch, encoder):
+    opened = []
+    stub = ModuleType("av")
+    stub.FFmpegError = av.FFmpegError
+    stub.open = lambda path, **_: opened.append(Container(path, encoder)) or opened[0]
+    monkeypatch.setitem(sys.modules, "av", stub)
+    return opened
+
+
+def test_without_an_encoder_the_video_says_what_to_install(tmp_path, monkeypatch):
+    opened = _stub_av(monkeypatch, _no_encoder)
+    with (
+        pytest.raises(InputError, match=r"clip\.mp4: PyAV cannot write it, got libx264; .*pip install"),
+        VideoWriter(tmp_path / "clip.mp4", 30, (64, 48)),
+    ):
+        pass
+    assert opened[0].closed and not list(tmp_path.iterdir())
+
+
+def test_a_video_whose_end_cannot_be_written_is_none(tmp_path, monkeypatch):
+    opened = _stub_av(monkeypatch, _no_end)
+    (tmp_path / "clip.mp4").write_bytes(b"an older video")
+    with pytest.raises(OSError, match="disk full"), VideoWriter(tmp_path / "clip.mp4", 30, (64, 48)):
+        pass
+    assert opened[0].closed and [path.read_bytes() for path in tmp_path.iterdir()] == [b"an older video"]
 
 
 @pytest.mark.parametrize(

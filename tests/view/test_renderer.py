@@ -1,5 +1,7 @@
 """Pictures: the software renderer against OpenGL's, the ghost, and how a backend is chosen."""
 
+from contextlib import closing
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,9 +9,10 @@ import pytest
 from core.errors import InputError
 from robot.robot import load_robot
 from tests.robot.toy import load_toy
+from view import camera
 from view import renderer as choice
-from view.camera import Camera
 from view.renderer import open_renderer
+from view.software import SoftwareRenderer
 from world.model import compile_model
 from world.scene import Scene
 
@@ -34,18 +37,16 @@ def fresh_choice(monkeypatch):
 
 def _picture(model, data, backend, monkeypatch, **options):
     monkeypatch.setenv("KATA_RENDERER", backend)
-    with open_renderer(model, WIDTH, HEIGHT) as renderer:
-        assert renderer.backend == backend
+    with closing(open_renderer(model, WIDTH, HEIGHT)) as renderer:
         return renderer.render(data, **options)
 
 
 def _without_robot(model, data):
-    """The same place with the robot's shapes lifted out of sight."""
+    """The same place with the robot lifted out of sight."""
     empty = mujoco.MjData(model)
     empty.qpos[:] = data.qpos
+    empty.qpos[2] += 100.0
     mujoco.mj_forward(model, empty)
-    moving = model.geom_bodyid > 0
-    empty.geom_xpos[moving, 2] += 100.0
     return empty
 
 
@@ -83,18 +84,18 @@ def test_ghost_shows_beside_and_through_nothing(g1, backend, monkeypatch):
     assert plain.dtype == haunted.dtype and plain.shape == (HEIGHT, WIDTH, 3)
 
 
-def test_camera_is_mujocos_and_follows(g1):
+def test_camera_is_mujocos_and_follows(g1, monkeypatch):
     model, data = g1
-    camera = Camera(azimuth_deg=120, elevation_deg=-25, distance_m=3.1, offset_m=(0.2, 0.1))
+    for name, value in (("AZIMUTH_DEG", 120.0), ("ELEVATION_DEG", -25.0), ("DISTANCE_M", 3.1)):
+        monkeypatch.setattr(camera, name, value)
     scene = mujoco.MjvScene(model, maxgeom=500)
     option, everything = mujoco.MjvOption(), mujoco.mjtCatBit.mjCAT_ALL.value
-    mujoco.mjv_updateScene(model, data, option, mujoco.MjvPerturb(), camera.to_mujoco(data), everything, scene)
+    mujoco.mjv_updateScene(model, data, option, mujoco.MjvPerturb(), camera.free_camera(data), everything, scene)
     left, right = scene.camera
-    position, rotation = camera.pose(data)
+    position, rotation = camera.camera_pose(data)
     assert np.allclose((left.pos + right.pos) / 2, position, atol=1e-5)
     assert np.allclose(-rotation[:, 2], left.forward, atol=1e-5) and np.allclose(rotation[:, 1], left.up, atol=1e-5)
-    assert np.allclose(camera.lookat_m(data)[:2], [3.2, -1.9])
-    assert np.allclose(Camera(track=False).lookat_m(data)[:2], 0.0)
+    assert np.allclose(camera.lookat_m(data), [3.0, -2.0, 0.66])
 
 
 @pytest.mark.parametrize("backend", ["software", "egl"])
@@ -113,8 +114,8 @@ def test_on_a_higher_floor_everything_looks_the_same(g1, backend, monkeypatch):
 
 def test_a_robot_out_of_sight_or_behind_leaves_an_empty_scene(g1, monkeypatch):
     model, data = g1
-    elsewhere = Camera(track=False, offset_m=(200.0, 0.0))
-    picture = _picture(model, data, "software", monkeypatch, camera=elsewhere)
+    monkeypatch.setattr(camera, "lookat_m", lambda data: np.array([200.0, 0.0, 0.66]))
+    picture = _picture(model, data, "software", monkeypatch)
     assert picture.min() > 100  # floor and sky are pale, the robot is partly black
 
 
@@ -122,7 +123,9 @@ def test_any_model_can_be_drawn(monkeypatch):
     model = compile_model(load_toy(), timestep_s=0.005)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    picture = _picture(model, data, "software", monkeypatch, camera=Camera(distance_m=2.0, height_m=0.4))
+    monkeypatch.setattr(camera, "DISTANCE_M", 2.0)
+    monkeypatch.setattr(camera, "HEIGHT_M", 0.4)
+    picture = _picture(model, data, "software", monkeypatch)
     orange = (picture[..., 0].astype(int) - picture[..., 2]) > 60
     assert orange.sum() > 500
 
@@ -135,12 +138,27 @@ def test_a_bare_model_can_be_drawn(monkeypatch):
     assert _picture(model, data, "software", monkeypatch).std() > 5
 
 
+def test_meshes_are_drawn_with_their_shadows_and_shapes_without_colour_are_not(monkeypatch):
+    mesh = '<asset><mesh name="tetra" vertex="0 0 0  .4 0 0  0 .4 0  0 0 .4"/></asset>'
+    floor = '<geom type="plane" size="0 0 .1"/>'
+    pictures = []
+    for alpha in (0.0, 1.0):
+        robot = f'<body pos="0 0 .6"><freejoint/><geom type="mesh" mesh="tetra" rgba="1 .2 0 {alpha}"/></body>'
+        model = mujoco.MjModel.from_xml_string(f"<mujoco>{mesh}<worldbody>{floor}{robot}</worldbody></mujoco>")
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        pictures.append(_picture(model, data, "software", monkeypatch).astype(int))
+    orange = pictures[1][..., 0] - pictures[1][..., 2] > 60
+    darker = (pictures[0] - pictures[1]).min(-1) > 20
+    assert orange.sum() > 300 and (darker & ~orange)[HEIGHT // 2 :].sum() > 100
+    assert pictures[0].min() > 100
+
+
 def test_without_opengl_software_draws_and_says_once_what_to_install(g1, monkeypatch, capsys):
     monkeypatch.setattr(choice, "_works", lambda backend: False)
     model, _ = g1
     for _ in range(2):
-        with open_renderer(model, 64, 48) as renderer:
-            assert renderer.backend == "software"
+        assert isinstance(open_renderer(model, 64, 48), SoftwareRenderer)
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "libegl1" in said and "libosmesa6" in said
 

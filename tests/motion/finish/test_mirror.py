@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from motion.finish import mirror_clip
 from motion.finish.mirror import joint_mirror
 from robot.robot import load_robot
 from tests.robot.toy import TOY_YAML, load_toy
+from world.scene import Box, Scene
 
 ACROSS = np.diag([1.0, -1.0, 1.0])
 
@@ -67,6 +69,18 @@ def test_every_body_is_where_a_mirror_shows_it(any_robot):
 def test_contacts_change_sides(robot):
     clip = random_clip(robot)
     np.testing.assert_array_equal(mirror_clip(clip, robot).contact, clip.contact[:, ::-1])
+
+
+def test_the_scene_is_mirrored_too(robot):
+    """A place's height is found again on the other side, of turned boxes too; twice mirrored it is the same scene."""
+    boxes = (Box((0.4, 0.3, 0.1), (0.3, 0.2, 0.1), 0.7), Box((-0.5, 0.0, 0.2), (0.2, 0.4, 0.1)))
+    clip = replace(random_clip(robot), scene=Scene(0.05, boxes))
+    xy_m = np.random.default_rng(2).uniform(-1.0, 1.0, (500, 2))
+    mirrored = mirror_clip(clip, robot)
+    heights = clip.scene.height_at(xy_m)
+    assert len(set(heights)) == 3
+    np.testing.assert_array_equal(mirrored.scene.height_at(xy_m * [1.0, -1.0]), heights)
+    assert str(mirror_clip(mirrored, robot).scene) == str(clip.scene)  # as a text: -0.0 is not 0.0
 
 
 def test_twice_mirrored_is_the_clip_itself(any_robot):

@@ -84,6 +84,9 @@ def test_rates_and_texts_as_they_are_stored():
         assert from_amass(amass(standing(), gender=np.array(b"female"), **changes)).fps == 60.0
     m = from_amass(amass(standing(), 165, surface_model_type=np.array("smplx")), fps=100.0)
     assert m.fps == 100.0 and m.notes[0] == "Read as smplx parameters of AMASS files."
+    locked = amass(person(), 165, surface_model_type=np.array("smplx_locked_head"))
+    assert_is(from_amass(locked), person(), 1e-9)
+    assert from_amass(locked).notes[0] == m.notes[0]
     with pytest.raises(InputError, match=r"a\.npz: frame rate not stated; give it: --fps F"):
         from_amass(amass(standing(), mocap_framerate=None))
 

@@ -119,7 +119,7 @@ def test_without_a_clip_there_are_no_figures(standing_clip, record_of):
     assert told.keys() == KEYS
     assert told["reasons"] == ["input: floating", "no clip: joint limits"]
     assert told["failing_frames"] == {"input": [1], "clip": None} and told["clip"] is None
-    assert all(told[key] is None for key in figures(None, None, None, None))
+    assert all(told[key] is None for key in figures(None, None, None))
     json_text(told)
 
 
@@ -142,7 +142,7 @@ def test_every_figure_beyond_its_limit_warns():
     settings = WarningSettings(max_slide_m=0.02, max_penetration_m=0.01, max_float_m=0.03)
     lengths = ("sliding_mm", "penetration_mm", "floating_mm")
     fine = dict(zip(lengths, (20.0, 10.0, 30.0), strict=True)) | {"limit_violations": 0, "speed_violations": 0}
-    assert warnings_of(fine, settings) == warnings_of(figures(None, None, None, None), settings) == ()
+    assert warnings_of(fine, settings) == warnings_of(figures(None, None, None), settings) == ()
     for key, value in fine.items():
         (warning,) = warnings_of(fine | {key: value + 1}, settings)
         assert warning.startswith("warning: ") and f" {value + 1:.0f}" in warning

@@ -9,8 +9,9 @@ from core.errors import InputError
 from core.rotations import yaw_of
 from motion.clip import Clip
 from motion.human.motion import JOINTS
-from motion.physics_checks import check_clip, self_collisions
+from motion.report.trace import trace_clip
 from motion.retarget.retarget import retarget
+from tests.motion.checks import sunk_m
 from tests.motion.figure import moved
 from tests.motion.retarget.people import marching, moved_joints
 
@@ -25,8 +26,8 @@ def limits_kept(clip: Clip, robot) -> bool:
 def test_a_march(robot, settings):
     human, contact = marching()
     clip = retarget(human, contact, robot, settings)
-    report = check_clip(clip, robot)
-    assert report.max_slide_m < 0.002 and report.penetration_m < 0.001 and report.float_m < 0.001
+    report = trace_clip(clip, robot)
+    assert report.max_slide_m < 0.002 and sunk_m(report) < 0.001 and report.float_m < 0.001
     assert not report.self_collisions and limits_kept(clip, robot)
     assert np.abs(yaw_of(clip.root_quat_wxyz)).max() < 0.1
     knees = clip.joint_pos_rad[:, [robot.joint_names.index(f"{side}_knee_joint") for side in ("left", "right")]]
@@ -38,8 +39,8 @@ def test_a_march(robot, settings):
 def test_the_toy_marches_too(toy, toy_settings):
     human, contact = marching(60)
     clip = retarget(human, contact, toy, toy_settings)
-    report = check_clip(clip, toy)
-    assert limits_kept(clip, toy) and report.penetration_m < 0.01 and clip.joint_names == toy.joint_names
+    report = trace_clip(clip, toy)
+    assert limits_kept(clip, toy) and sunk_m(report) < 0.01 and clip.joint_names == toy.joint_names
 
 
 def test_arms_too_fast_for_the_robot(robot, settings):
@@ -63,8 +64,8 @@ def test_somebody_below_the_ground(robot, settings):
     human, contact = marching(40)
     sunk = moved(human, np.array([0.0, 0.0, -0.3]))
     for mask in (contact, np.zeros_like(contact)):
-        report = check_clip(retarget(sunk, mask, robot, settings), robot)
-        assert report.penetration_m < 0.005
+        report = trace_clip(retarget(sunk, mask, robot, settings), robot)
+        assert sunk_m(report) < 0.005
 
 
 def test_hands_that_the_human_has_inside_the_belly(robot, settings):
@@ -78,10 +79,10 @@ def test_hands_that_the_human_has_inside_the_belly(robot, settings):
     for joint, way in into.items():
         human = moved_joints(human, [joint], way + share * [0.0, 0.0, 0.2])
     clip = retarget(human, contact, robot, settings)
-    assert not self_collisions(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad, robot)
+    assert not trace_clip(clip, robot).self_collisions
     near = replace(settings, solver=replace(settings.solver, clearance_m=0.0, look_ahead_m=0.0))
     careless = retarget(human, contact, robot, near)
-    assert self_collisions(careless.root_pos_w, careless.root_quat_wxyz, careless.joint_pos_rad, robot)
+    assert trace_clip(careless, robot).self_collisions
     hands = robot.tracked_index(["left_hand_link", "right_hand_link"])
     bodies = robot.kinematics.forward(clip.root_pos_w, clip.root_quat_wxyz, clip.joint_pos_rad)
     reach = np.linalg.norm(bodies.pos_w[-1, hands] - bodies.pos_w[-1, :1], axis=-1)
