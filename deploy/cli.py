@@ -113,6 +113,12 @@ def _parser() -> ArgumentParser:
         help="std added to each joint at the start",
     )  # fmt: skip
     add("--duration", type=positive_argument, dest="duration_s", metavar="S", help="damp and end after this long")
+    _add_output_options(parser)
+    return parser
+
+
+def _add_output_options(parser: ArgumentParser) -> None:
+    add = parser.add_argument
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--realtime", action="store_true", default=None, help="default with a person watching")
     pace.add_argument("--fast", dest="realtime", action="store_false", help="default otherwise")
@@ -127,7 +133,6 @@ def _parser() -> ArgumentParser:
     add("--dry-run", action="store_true", help="preflight, then read and infer for some seconds; never write")
     add("--json", type=path_argument, metavar="F", help="the result")
     add("--seed", type=count_argument, default=0, metavar="S")
-    return parser
 
 
 def _add_wire_options(parser: ArgumentParser) -> None:
