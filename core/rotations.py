@@ -70,6 +70,12 @@ def quat_to_matrix(q: Array) -> Array:
     return _whole(rows, q).reshape(*q.shape[:-1], 3, 3)
 
 
+def two_axes(q: Array) -> Array:
+    """The x and y axes (..., 6) of a rotation: its matrix's first two columns, one after the other."""
+    matrix = quat_to_matrix(q)
+    return array_module(matrix).concatenate([matrix[..., 0], matrix[..., 1]], -1)
+
+
 def quat_from_axis_angle(axis: Array, angle_rad: Array) -> Array:
     """Turn by ``angle_rad`` (...) about unit ``axis`` (..., 3)."""
     xp = array_module(angle_rad)

@@ -11,15 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from core.errors import InputError
-from core.rotations import (
-    array_module,
-    quat_conjugate,
-    quat_mul,
-    quat_rotate_inverse,
-    quat_to_matrix,
-    yaw_of,
-    yaw_quat,
-)
+from core.rotations import array_module, quat_conjugate, quat_mul, quat_rotate_inverse, two_axes, yaw_of, yaw_quat
 from core.rotations import projected_gravity as gravity_in_body
 from policy.goals import PARTS, POINTS
 from policy.reference import ReferenceWindow
@@ -199,7 +191,7 @@ def reference_orientation(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """The reference's root seen from the robot's base: x and y axes, the first two columns of R(base)ᵀ R(reference)."""
     window, columns = _window(s, ticks)
     base = quat_conjugate(s.base_quat_wxyz)[..., None, :]
-    return _flat(_two_axes(quat_mul(base, window.root_quat_wxyz[..., columns, :])))
+    return _flat(two_axes(quat_mul(base, window.root_quat_wxyz[..., columns, :])))
 
 
 @register(constant=3, windowed=True)
@@ -292,13 +284,7 @@ def _places(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) 
 
 def _axes(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) -> Array:
     heading = quat_conjugate(yaw_quat(base_quat_wxyz))
-    return _two_axes(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, :, :]))
-
-
-def _two_axes(quat_wxyz: Array) -> Array:
-    """The x and y axes (..., 6) of a rotation: its matrix's first two columns, one after the other."""
-    matrix = quat_to_matrix(quat_wxyz)
-    return array_module(matrix).concatenate([matrix[..., 0], matrix[..., 1]], -1)
+    return two_axes(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, :, :]))
 
 
 def _flat(values: Array) -> Array:
