@@ -70,14 +70,9 @@ def train(setup: Setup, stop: StopRequest) -> Outcome:
     )
     evaluation = EvaluationHook(evaluator, config.evaluate_every)
     budget = Budget(config.iterations, config.minutes)
-    hooks = [
-        evaluation,
-        Reporting(progress, budget),
-        Checkpointing(Checkpoints(setup.run_dir), config.checkpoint_every, progress),
-        Stopping(budget, lambda: stop.asked),
-    ]
-    lineage = _lineage(setup, learner, progress)
-    runner = Runner(env, learner, setup.run_dir, setup.document, hooks, lineage)
+    checkpointing = Checkpointing(Checkpoints(setup.run_dir), config.checkpoint_every, progress)
+    hooks = [evaluation, Reporting(progress, budget), checkpointing, Stopping(budget, lambda: stop.asked)]
+    runner = Runner(env, learner, setup.run_dir, setup.document, hooks, _lineage(setup, learner, progress))
     runner.wall_s = time.monotonic() - started_s
     if setup.state is not None:
         _restore(runner, setup)
