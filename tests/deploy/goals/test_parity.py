@@ -57,7 +57,7 @@ def test_the_goal_of_training_is_that_of_the_clip_source_through_the_loop(kind, 
                 joint_vel_rad_s=now.joint_vel_rad_s[0].numpy().astype(float),
             )
         )
-        wanted.append(env.observations.actor(env.state.actor_history)[0].numpy())
+        wanted.append(env.observations.groups(env.state.actor_history)["actor"][0].numpy())
         env.step(0.05 * torch.randn(1, 23, generator=generator))
     run = load_run(write_goal_actor(tmp_path / "goals.onnx"), "side_kick", ROBOT, SETTINGS.entry, kind)
     cell, watch, clock = Cell(ROBOT, SETTINGS, [run]), Watch(), SimulatedClock(3.0)
