@@ -46,7 +46,7 @@ class LastSeconds:
         self._wait = round(AFTER_TRIP_S / period_s)
         self._due: int | None = None
         self._fault: Fault | None = None
-        self._writer: threading.Thread | None = None
+        self._writers: list[threading.Thread] = []
         self._breath_s = BREATH_S
 
     def __enter__(self) -> Self:
@@ -55,8 +55,8 @@ class LastSeconds:
     def __exit__(self, kind: object, error: object, _: object) -> None:
         """Write what is due, and wait until it is written. The loop is over: nobody is kept waiting."""
         self._breath_s = 0.0
-        if self._writer is not None:
-            self._writer.join()
+        for writer in self._writers:
+            writer.join()
         if self._ticks and (self._due is not None or kind is not None):
             self._write(list(self._ticks), str(self._fault or repr(error)))
 
@@ -69,11 +69,11 @@ class LastSeconds:
         if self._due is None:
             return
         self._due -= 1
-        if self._due <= 0 and not (self._writer is not None and self._writer.is_alive()):
+        if self._due <= 0:
             self._due = None
             arguments = (list(self._ticks), str(self._fault))
-            self._writer = threading.Thread(target=self._write, args=arguments, name="incident", daemon=True)
-            self._writer.start()
+            self._writers.append(threading.Thread(target=self._write, args=arguments, name="incident", daemon=True))
+            self._writers[-1].start()
 
     def _write(self, ticks: list[list[Message]], reason: str) -> None:
         """A breath between ticks: the loop may be under way again."""

@@ -101,10 +101,11 @@ class CanBus:
 
     def forget(self, motor: Motor) -> None:
         """The operator has seen the motor's faults."""
-        for name in tuple(motor.latched):  # a round may latch another meanwhile
-            self._show(name, False)
-        motor.latched.clear()
-        motor.damped_only = False
+        with self.lock:  # a round that latches another fault meanwhile comes before or after
+            for name in motor.latched:
+                self._show(name, False)
+            motor.latched.clear()
+            motor.damped_only = False
 
     def mend(self) -> None:
         """The operator has seen that the bus was gone. Raises DeviceError where it still is."""

@@ -4,6 +4,7 @@ import json
 import resource
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 
@@ -155,6 +156,24 @@ def test_the_last_seconds_before_a_trip_are_kept_without_a_log(tmp_path):
         "device_faults": ["motor_fault:left_knee_joint: overload"],
     }
     assert read_log(path).about["reason"] == conditions[-1]["trip"]
+
+
+def test_the_end_waits_for_every_incident_that_is_being_written(tmp_path, monkeypatch):
+    """Two trips, 2 s apart and more; the first is still being written when the second is, and when the run ends."""
+    said, going_on, write = [], threading.Event(), LastSeconds._write
+
+    def slow_at_first(self, kept, reason):
+        assert reason.endswith("second") or going_on.wait(10.0)
+        write(self, kept, reason)
+
+    monkeypatch.setattr(LastSeconds, "_write", slow_at_first)
+    with ring(tmp_path / "incidents", said) as kept:
+        for fault in ("first", "second"):
+            tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+            ticks(kept, 0, 110, tick, faults=(fault,))
+        threading.Timer(0.3, going_on.set).start()
+    reasons = sorted(read_log(path).about["reason"] for path in (tmp_path / "incidents").iterdir())
+    assert reasons == ["device_fault: first", "device_fault: second"] and len(said) == 2
 
 
 def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_raised(tmp_path):

@@ -15,6 +15,7 @@ from hal.contract.types import DeviceError
 from hal.open import open_backend
 from hal.wire import lock
 from hal.wire.backend import WireBackend
+from hal.wire.emulated import EmulatedWireBackend
 from hal.wire.lock import WireLock, wire_name
 from tests.hal.rigs import G1
 from tests.hal.wire.fake import FakeFactory
@@ -113,3 +114,17 @@ def test_every_wire_says_what_it_locks_and_an_emulated_one_locks_nothing(
     assert wire != "dds" or opened._lock._wires == tuple(names)
     pretended = SimpleNamespace(endpoints=endpoints)
     assert open_backend(wire, G1, MonotonicClock(), emulator=pretended)._lock._wires == ()
+
+
+def test_an_emulated_wire_that_finds_no_pace_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device answers, the emulator's control does not."""
+    monkeypatch.setattr(lock, "_folder", lambda: tmp_path)
+
+    def status() -> dict[str, Any]:
+        raise DeviceError("the emulator is gone")
+
+    emulator = SimpleNamespace(control=SimpleNamespace(status=status))
+    backend = EmulatedWireBackend("fake", G1, MonotonicClock(), FakeFactory(), emulator, keep_pace=True)  # type: ignore[arg-type]
+    with pytest.raises(DeviceError, match="the emulator is gone"):
+        backend.open()
+    assert backend.process_id is None
