@@ -112,7 +112,7 @@ def _parser() -> ArgumentParser:
         "--start-noise", type=number_argument, default=0.0, dest="start_noise_rad", metavar="RAD",
         help="std added to each joint at the start",
     )  # fmt: skip
-    add("--duration", type=positive_argument, dest="duration_s", metavar="S", help="damp and end after this long")
+    add("--duration", type=positive_argument, dest="duration_s", metavar="S", help="end in order after this long")
     _add_output_options(parser)
     return parser
 

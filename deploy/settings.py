@@ -82,8 +82,9 @@ class CrouchJoint:
 
 @dataclass(frozen=True)
 class LoweringSettings(Checked):
-    """The way from standing to a crouch, and how the gains fade there."""
+    """The way from standing to a crouch, how the gains fade there, and how long an end inside a motion waits for it."""
 
+    wait_s: float
     down_s: float
     settle_s: float
     fade_s: float
@@ -173,7 +174,7 @@ class OperatorSettings(Checked):
     gamepad_silent_s: float
     terminal_silent_s: float
     hold_after_s: float
-    damp_after_s: float
+    lower_after_s: float
 
 
 @dataclass(frozen=True)

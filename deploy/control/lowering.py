@@ -15,7 +15,7 @@ from robot.robot import Robot
 class Lowering:
     """The targets go along a cosine from the stand actor's pose (J,) to the crouch, while the ankles answer every lean
     that was not planned. What was sent last crosses over during blend_s. Without such a crouch there is no lowering:
-    see `lowering_for`.
+    see `lowering_for`. wait_ticks: how long an end inside a motion waits for the stand actor.
     """
 
     def __init__(
@@ -30,6 +30,7 @@ class Lowering:
         self._kp, self._kd = stiffness * robot.kp, np.sqrt(stiffness) * robot.kd
         self._pitch = [robot.joint_names.index(name) for name in settings.ankle_pitch_joints]
         self._roll = [robot.joint_names.index(name) for name in settings.ankle_roll_joints]
+        self.wait_ticks = max(1, round(settings.wait_s / period_s))
         self._sent: Wish | None = None
         self._tick = 0
 

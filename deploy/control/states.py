@@ -4,7 +4,7 @@
 
 FIXED_STAND is passed where somebody must put the robot on its feet first: the start pose is held, nothing balances.
 
-An orderly end out of READY or HOLD lowers the robot first: LOWERING -> DAMPING.
+An orderly end lowers the robot first, READY or HOLD -> LOWERING -> DAMPING; inside a motion it waits for HOLD.
 Any fault and every operator's stop lead to DAMPING, latched. A fault in IDLE, where nothing is in force, latches IDLE.
 Acknowledging leads to IDLE once the devices are without fault, never straight up.
 """
@@ -37,7 +37,10 @@ class Mode(enum.Enum):
 
 
 class Request(enum.Enum):
-    """What an operator, or the unattended sequence, may ask for. FINISH ends in order, QUIT at once."""
+    """What an operator, or the unattended sequence, may ask for.
+
+    FINISH ends the run in order, QUIT at once. LOWER puts the robot down now; where nobody balances it, it is damped.
+    """
 
     STAND = "stand"
     START = "start"
@@ -45,6 +48,7 @@ class Request(enum.Enum):
     SWITCH = "switch"
     DAMP = "damp"
     ACKNOWLEDGE = "acknowledge"
+    LOWER = "lower"
     FINISH = "finish"
     QUIT = "quit"
 
@@ -56,6 +60,7 @@ ALLOWED: dict[Request, frozenset[Mode]] = {
     Request.SWITCH: frozenset(Mode) - {Mode.DAMPING},
     Request.DAMP: frozenset(Mode),
     Request.ACKNOWLEDGE: frozenset({Mode.IDLE, Mode.DAMPING}),
+    Request.LOWER: frozenset(Mode),
     Request.FINISH: frozenset(Mode),
     Request.QUIT: frozenset(Mode),
 }
@@ -97,6 +102,7 @@ class StateMachine:
         self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
         self._patience = 0
         self._hold_wanted = False
+        self._finishing = 0  # ticks for which the stand actor is waited for, so that the robot can be lowered
         self._sent: Wish | None = None
         self._blend_from: Wish | None = None
         self._blended = 0
@@ -109,9 +115,11 @@ class StateMachine:
         match request:
             case Request.DAMP:
                 self._damp(latched=True)
-            case Request.FINISH if self._begin_lowering():
+            case Request.LOWER | Request.FINISH if self._begin_lowering():
                 pass
-            case Request.FINISH | Request.QUIT:
+            case Request.FINISH if self._lowering is not None and self.mode in (Mode.TRACKING, Mode.HOLD):
+                return self._wait_for_standing(self._lowering.wait_ticks)
+            case Request.LOWER | Request.FINISH | Request.QUIT:
                 # Idle, nothing is in force that would have to end; the loop damps what it has driven before.
                 if self.mode is not Mode.IDLE:
                     self._damp(latched=True)
@@ -202,6 +210,10 @@ class StateMachine:
                 self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
             self._activate(stand, Mode.HOLD)
+        if self._finishing:
+            self._finishing -= 1
+            if not self._begin_lowering() and not self._finishing:
+                self._damp(latched=True)
         return None
 
     def _end_of_clip(self, state: RobotState) -> None:
@@ -254,10 +266,20 @@ class StateMachine:
         if self._lowering is None or not self.can_lower:
             return False
         self._lowering.start(self._sent)
-        self.mode, self.active, self._blend_from = Mode.LOWERING, None, None
+        self.mode, self.active, self._blend_from, self._finishing = Mode.LOWERING, None, None, 0
         return True
 
+    def _wait_for_standing(self, ticks: int) -> str | None:
+        """Inside a motion: let the stand actor take over as soon as it can. Says so once."""
+        if self._finishing:
+            return None
+        self._finishing = ticks
+        self._ask_hold()
+        return "finish waits until the robot can be lowered out of standing; damp acts at once"
+
     def _start_selected(self, state: RobotState | None) -> str | None:
+        if self._finishing:
+            return "start refused: the robot is about to be lowered"
         actor = self.tracked[self.selected]
         why = "no state" if state is None else actor.obstacle(state)
         if why is not None:
@@ -274,6 +296,6 @@ class StateMachine:
         return None
 
     def _damp(self, *, latched: bool) -> None:
-        self.mode, self.latched, self._patience = Mode.DAMPING, self.latched or latched, 0
+        self.mode, self.latched, self._patience, self._finishing = Mode.DAMPING, self.latched or latched, 0, 0
         self.active = self._sent = self._blend_from = None
         self._settling.start()

@@ -18,7 +18,7 @@ class TickResult:
 
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: the devices
     are to clear what has latched. actor, output: who moved the joints and what it computed; None where none did.
-    warning: what will end the run before long; it has asked for HOLD. lowered_by: what has asked for FINISH in this
+    warning: what will end the run before long; it has asked for HOLD. lowered_by: what has asked for LOWER in this
     tick, because it will be very soon. requests: what others asked for.
     """
 
@@ -91,7 +91,7 @@ class Tick:
         """End in order what a rule would soon damp: a clip in HOLD, standing by lowering. The reason for lowering."""
         machine, guard = self.machine, self.guard
         if guard.urgent is not None and machine.can_lower:
-            machine.request(Request.FINISH, state)
+            machine.request(Request.LOWER, state)
             self.cut_short = self.cut_short or guard.urgent
             return guard.urgent
         warned = guard.warning is not None and machine.mode is Mode.TRACKING

@@ -9,7 +9,7 @@ from deploy.settings import OperatorSettings
 
 
 class Presence:
-    """Answers the loss of the last live stop source of a robot that moves: a warning, hold, then damping.
+    """Answers the loss of the last live stop source of a robot that moves: a warning, hold, then lowering.
 
     A RequestSource. mode: the machine's present state.
     """
@@ -37,8 +37,8 @@ class Presence:
             self._lost_s = now_s
             self._say(self._warning())
         gone_s = now_s - self._lost_s
-        if gone_s >= self._settings.damp_after_s:
-            return (Request.DAMP,)
+        if gone_s >= self._settings.lower_after_s:
+            return (Request.LOWER,)
         return (Request.HOLD,) if gone_s >= self._settings.hold_after_s and mode is Mode.TRACKING else ()
 
     def _warning(self) -> str:
@@ -46,5 +46,5 @@ class Presence:
         settings = self._settings
         return (
             f"operator lost: no live stop source (had: {names}); "
-            f"hold after {settings.hold_after_s:g} s, damping after {settings.damp_after_s:g} s"
+            f"hold after {settings.hold_after_s:g} s, lowering or damping after {settings.lower_after_s:g} s"
         )

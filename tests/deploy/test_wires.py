@@ -185,8 +185,8 @@ def answer_then(typist, at_the_end):
 def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch, end):
     """The terminal closes or falls silent while the robot is driven; the device sees damping 1 s later, not before."""
     settings = yaml.safe_load((rig.folder / "patient.yaml").read_text())
-    times = {"terminal_silent_s": 0.6, "hold_after_s": 0.2, "damp_after_s": 0.4}
-    settings["operator"] |= times if end == "stalled" else {"hold_after_s": 0.2, "damp_after_s": 1.0}
+    times = {"terminal_silent_s": 0.6, "hold_after_s": 0.2, "lower_after_s": 0.4}
+    settings["operator"] |= times if end == "stalled" else {"hold_after_s": 0.2, "lower_after_s": 1.0}
     (rig.folder / "patient.yaml").write_text(yaml.safe_dump(settings))
     monkeypatch.setattr(WireBackend, "remote", lambda backend: ((), math.inf))
     typist = Typist(rig, ("s", None), ("take\n", None), ("s", "TRACK"))

@@ -72,10 +72,11 @@ def standing(folder):
     return machine
 
 
-def test_finish_lowers_once_and_ends_latched(tmp_path):
+@pytest.mark.parametrize("request_", [Request.FINISH, Request.LOWER])
+def test_it_is_lowered_once_and_ends_latched(tmp_path, request_):
     machine = standing(tmp_path)
     for tick in range(TICKS):
-        assert machine.request(Request.FINISH, state()) is None
+        assert machine.request(request_, state()) is None
         wish = machine.advance(state())
         assert machine.mode is Mode.LOWERING and wish.target_rad.size == JOINTS, tick
     assert machine.advance(state()) is None
@@ -91,10 +92,58 @@ def test_while_it_is_lowered_a_stop_damps_at_once(tmp_path, request_):
     assert machine.mode is Mode.DAMPING and machine.advance(state()) is None
 
 
-def test_where_nobody_balances_it_is_damped(tmp_path):
-    machine = standing(tmp_path)
+FAST = replace(state(), joint_vel_rad_s=np.full(JOINTS, 2.1))  # nobody takes over at more than 2.0
+
+
+def performing(folder, wait_s=0.2):
+    settings = replace(SETTINGS, lowering=replace(SETTINGS.lowering, wait_s=wait_s))
+    stand, clip = linear_run(folder, name="stand"), linear_run(folder, name="clip", seconds=1.0)
+    machine = StateMachine(ROBOT, stand, [clip], settings, PERIOD_S)
+    machine._activate(stand, Mode.READY)
     machine.request(Request.START, state())
+    machine.advance(state())
     assert machine.mode is Mode.TRACKING
+    return machine
+
+
+@pytest.mark.parametrize("rests_after", [3, 70])
+def test_an_end_inside_a_motion_waits_until_the_robot_stands_and_lowers_it(tmp_path, rests_after):
+    """70 ticks: beyond the end of the clip, whose last pose is held then. Asked again and again it says so once."""
+    machine = performing(tmp_path, wait_s=2.0)
+    answers = [machine.request(Request.FINISH, FAST)]
+    for tick in range(rests_after):
+        assert machine.advance(FAST) is not None and machine.mode in (Mode.TRACKING, Mode.HOLD), tick
+        answers.append(machine.request(Request.FINISH, FAST))
+    assert "waits until the robot can be lowered" in answers[0] and set(answers[1:]) == {None}
+    machine.advance(state())
+    assert machine.mode is Mode.LOWERING
+    for _ in range(TICKS + 1):
+        machine.advance(state())
+    assert machine.mode is Mode.DAMPING and machine.latched and machine.fault is None
+
+
+def test_one_that_never_stands_is_damped_after_the_wait_and_starts_nothing_meanwhile(tmp_path):
+    machine = performing(tmp_path)
+    machine.request(Request.FINISH, FAST)
+    for _ in range(9):  # of 10 ticks, 0.2 s
+        assert machine.advance(FAST) is not None
+    machine.mode = Mode.HOLD
+    assert machine.request(Request.START, state()) == "start refused: the robot is about to be lowered"
+    assert machine.advance(FAST) is None
+    assert machine.mode is Mode.DAMPING and machine.latched
+
+
+@pytest.mark.parametrize("request_", [Request.LOWER, Request.QUIT, Request.DAMP])
+def test_inside_a_motion_whatever_does_not_wait_damps_at_once(tmp_path, request_):
+    machine = performing(tmp_path)
+    machine.request(Request.FINISH, FAST)
+    machine.request(request_, state())
+    assert machine.mode is Mode.DAMPING and machine.advance(state()) is None
+
+
+def test_while_it_stands_up_nobody_balances_it_and_it_is_damped(tmp_path):
+    machine = standing(tmp_path)
+    machine.mode, machine.active = Mode.STAND_UP, None
     machine.request(Request.FINISH, state())
     assert machine.mode is Mode.DAMPING
 

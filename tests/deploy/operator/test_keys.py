@@ -30,7 +30,7 @@ def pipe():
 
 
 def test_every_request_has_a_key():
-    assert set(KEYS.values()) == set(Request) - {Request.QUIT}
+    assert set(KEYS.values()) == set(Request) - {Request.QUIT, Request.LOWER}
 
 
 def test_keys_from_a_pipe(pipe):

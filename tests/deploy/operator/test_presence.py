@@ -43,10 +43,10 @@ def test_nobody_stands_up_where_nobody_could_stop_it():
 
 
 @pytest.mark.parametrize("mode", Mode)
-def test_the_last_live_stop_source_lost_warns_at_once_then_holds_then_damps(mode):
+def test_the_last_live_stop_source_lost_warns_at_once_then_holds_then_lowers(mode):
     clock, said = SimulatedClock(7.0), []
     one, other = Person(), Person()
-    settings = replace(SETTINGS.operator, hold_after_s=1.0, damp_after_s=3.0)
+    settings = replace(SETTINGS.operator, hold_after_s=1.0, lower_after_s=3.0)
     presence = Presence([one, other], lambda: mode, clock, settings, said.append)
     asked = {}
 
@@ -62,10 +62,10 @@ def test_the_last_live_stop_source_lost_warns_at_once_then_holds_then_damps(mode
     other.live = False
     run(8.02)
     moves = mode not in (Mode.IDLE, Mode.DAMPING)
-    assert len(said) == moves and all("hold after 1 s, damping after 3 s" in line for line in said)
+    assert len(said) == moves and all("hold after 1 s, lowering or damping after 3 s" in line for line in said)
     run(12.0)
     expected = {Request.HOLD: 9.02} if mode is Mode.TRACKING else {}
-    assert asked == pytest.approx({**expected, Request.DAMP: 11.02} if moves else {}, abs=0.021)
+    assert asked == pytest.approx({**expected, Request.LOWER: 11.02} if moves else {}, abs=0.021)
     one.live = True
     run(12.02)
     asked.clear()

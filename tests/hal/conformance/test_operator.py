@@ -101,7 +101,7 @@ def _run(backend: EmulatedWireBackend, actor: Path, voice: Voice) -> tuple[State
     machine.start_tracking()
     person = Person()
     story = Story(backend, machine, voice, person)
-    settings = replace(SETTINGS.operator, hold_after_s=DAMP_AFTER_S, damp_after_s=DAMP_AFTER_S)
+    settings = replace(SETTINGS.operator, hold_after_s=DAMP_AFTER_S, lower_after_s=DAMP_AFTER_S)
     presence = Presence([person], lambda: machine.mode, backend.clock, settings, voice.complain)
     observers = Observers([Console(voice, backend, backend.clock, refusals=True)], voice.complain)
     tick = Tick(machine, Guard(G1, SETTINGS, PERIOD_S))
