@@ -37,10 +37,8 @@ class Mode(enum.Enum):
 
 
 class Request(enum.Enum):
-    """What an operator, or the unattended sequence, may ask for.
-
-    FINISH ends the run in order, QUIT at once. LOWER puts the robot down now; where nobody balances it, it is damped.
-    """
+    """What may be asked for. FINISH ends the run in order, QUIT at once. LOWER puts the robot down now; where nobody
+    balances it, it is damped."""
 
     STAND = "stand"
     START = "start"

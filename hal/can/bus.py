@@ -19,6 +19,7 @@ from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.supply import BusSupply
 from hal.can.targets import MotorTargets
+from hal.can.zero_note import forget_note
 from hal.contract.joint_map import JointMap
 from hal.contract.types import DeviceError
 from hal.wire.boards import StateBoard
@@ -134,8 +135,6 @@ class CanBus:
         with self.lock:
             self.link.close()
 
-    # Rounds
-
     def cycle(self, outbox: Outbox, state: StateBoard, *, phase_s: float = 0.0) -> Cycle:
         """The rounds of this bus."""
         self._state = state
@@ -152,6 +151,7 @@ class CanBus:
 
     def _round(self, outbox: Outbox, state: StateBoard) -> None:
         begun_s = time.monotonic()
+        self._count_silence()
         try:
             if not self.link.is_open:
                 self.link.look_for()  # it is back only when the operator says so
@@ -171,6 +171,13 @@ class CanBus:
                 self._broken = str(error)
                 self._show(self._broken, True)
             raise
+
+    def _count_silence(self) -> None:
+        """Who stays silent may be without power: what this computer knows of its zero is void then."""
+        for motor in self.motors:
+            motor.quiet_rounds += 1
+            if motor.quiet_rounds == round(SILENT_S / self.period_s) and not motor.codec.keeps_zero:
+                forget_note(self.link.where, motor.codec)
 
     def _send(self, outgoing: Outgoing, asked: Sequence[bool], now_s: float) -> float:
         """Frames for every motor; when the adapter was handed them.

@@ -62,7 +62,8 @@ class Motor:
 
     Values are the motor's own, nan until it has said them, stamped with the monotonic clock. enabled: the host has
     switched it on; switching: it is about to. damped_only: it has shown a fault; nothing but damping is sent until the
-    operator acknowledges. inbox: what it said last, for conversations. serial: its maker's number; empty: it has none.
+    operator acknowledges. quiet_rounds: since it was heard.
+    inbox: what it said last, for conversations. serial: its maker's number; empty: it has none.
     limit_nm: what its joint allows, at its shaft. torque_check: since it was switched on.
     """
 
@@ -89,6 +90,7 @@ class Motor:
     damped_only: bool = False
     last: MotorCommand | None = None
     missed: int = 0
+    quiet_rounds: int = 0
     serial: str = ""
     latched: set[str] = field(default_factory=set)
     inbox: deque[Message] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))
@@ -115,6 +117,7 @@ class Motor:
 
     def take(self, feedback: Feedback, now_s: float) -> None:
         """Keep what a frame says. now_s: the latest time at which a servo that sends by itself measured it."""
+        self.quiet_rounds = 0
         stamp_s = now_s if self.codec.cyclic_period_s is not None else self.unanswered.answer()
         if feedback.pos_rad is not None:
             self.pos_rad, self.pos_s = feedback.pos_rad, stamp_s

@@ -1,23 +1,19 @@
 """Whether a motor that forgets its zero without power has been zeroed since its power came on.
 
 Whoever finds the zero leaves a mark that goes with the power: a number in the motor where the protocol has a place for
-one, else a note on this computer that counts until it restarts. The mark says which zero was found, so that another one
+one, else a note on this computer. The mark says which zero was found, so that another one
 in the robot file is not taken for it.
 """
 
-import json
 import math
-from pathlib import Path
 
-from core.files import write_json
 from hal.can.bus import CanBus
 from hal.can.messages import Feedback
 from hal.can.motor import Motor
 from hal.can.talk import ask
+from hal.can.zero_note import leave_note, read_note
 from hal.contract.types import DeviceFault
 
-NOTES = Path(__file__).resolve().parents[2] / "runs" / "zeros"
-BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 OFFSET, TOLERANCE = 8.0, 1e-3
 
 
@@ -27,40 +23,22 @@ def leave_mark(bus: CanBus, motor: Motor, zero_rad: float) -> None:
     if frames:
         ask(bus, motor, frames, lambda message: isinstance(message, Feedback))
     elif not motor.codec.keeps_zero:
-        NOTES.mkdir(parents=True, exist_ok=True)
-        write_json(_note(bus, motor), {"joint": motor.joint, "mark": _mark(zero_rad), "boot": _boot()})
+        leave_note(bus.link.where, motor.codec, _mark(zero_rad))
 
 
 def require_mark(bus: CanBus, motor: Motor, marked: float | None) -> None:
     """marked: the motor's `ZERO_MARK`, None where it has none. Raises DeviceFault where its zero is not the file's."""
     if motor.codec.keeps_zero:
         return
-    found = _noted(bus, motor) if marked is None else marked
+    found = read_note(bus.link.where, motor.codec) if marked is None else marked
     if not abs(found - _mark(float(bus.map.zero_rad[motor.row]))) <= TOLERANCE:
         raise DeviceFault(
-            f"{motor.name}: forgets its zero without power, and was not zeroed since its power came on (or not to the"
-            f" zero_rad of the robot file): support the robot and run hal/zero {motor.joint} --stop lower --write"
-            " (hal/jog turns it before that with --from-here)"
+            f"{motor.name}: forgets its zero without power, and was not zeroed since its power came on or it was last"
+            " silent (or not to the zero_rad of the robot file): support the robot and run"
+            f" hal/zero {motor.joint} --stop lower --write (hal/jog turns it before that with --from-here)"
         )
 
 
 def _mark(zero_rad: float) -> float:
     """Never 0, which is what a motor begins with, and inside the range of a speed reference."""
     return OFFSET + math.remainder(round(zero_rad, 4), 2.0 * math.pi)
-
-
-def _noted(bus: CanBus, motor: Motor) -> float:
-    try:
-        content = json.loads(_note(bus, motor).read_text(encoding="utf-8"))
-        return float(content["mark"]) if content["boot"] == _boot() else 0.0
-    except (OSError, ValueError, KeyError, TypeError):
-        return 0.0
-
-
-def _note(bus: CanBus, motor: Motor) -> Path:
-    where = "".join(c if c.isalnum() else "-" for c in f"{bus.link.where} {motor.codec.name} {motor.codec.motor_id}")
-    return NOTES / f"{where}.json"
-
-
-def _boot() -> str:
-    return BOOT_ID.read_text(encoding="ascii").strip()

@@ -15,7 +15,7 @@ import pytest
 from core.config import config_file
 from core.errors import InputError
 from deploy.actors import check_bounds
-from hal.can import zero_mark
+from hal.can import zero_note
 from hal.can.codecs import damiao, odrive, robstride
 from hal.can.driver import CanDriver, make_factory
 from hal.can.robot_file import RobotFile, check_motor
@@ -305,7 +305,7 @@ RIGHT: list[tuple[Callable[..., None], Any]] = [
 def test_what_is_wrong_is_refused_by_rule_and_name(
     finds: Callable[..., None], wrong: Any, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zero_mark, "NOTES", tmp_path)
+    monkeypatch.setattr(zero_note, "NOTES", tmp_path)
     with pytest.raises((DeviceError, InputError), match=says) as refusal:
         finds(wrong, tmp_path)
     assert "\n" not in str(refusal.value)

@@ -1,6 +1,6 @@
 """What a motor says of itself against what the robot file says of it, before anything is energised."""
 
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,12 +10,12 @@ import pytest
 from core.config import config_file
 from core.errors import InputError
 from hal.calibration import zero
-from hal.can import zero_mark
+from hal.can import zero_mark, zero_note
 from hal.can.codecs import odrive
 from hal.can.driver import CanDriver, make_factory
 from hal.can.robot_file import check_motor, load_robot_file
-from hal.can.setup import prepare
-from hal.contract.types import DeviceFault
+from hal.can.setup import bring_back, prepare
+from hal.contract.types import DeviceError, DeviceFault
 from tests.hal.can.rig import ELBOW, G1, HIP, KNEE, Rig, motor, robot_file, served
 
 RS06 = motor(ELBOW, 3, codec="robstride", model="RS06")
@@ -60,7 +60,7 @@ def test_a_moteus_says_its_uuid() -> None:
 def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
     forgetful, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zero_mark, "NOTES", tmp_path)
+    monkeypatch.setattr(zero_note, "NOTES", tmp_path)
     rig = Rig(robot_file(forgetful))
     with pytest.raises(DeviceFault, match=r"left_elbow_joint .*not zeroed since its power came on"):
         prepared(rig)
@@ -73,9 +73,41 @@ def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
     if forgetful is CYBERGEAR:
         rig.motors[0].power_up(rig.robot.joints())
     else:
-        monkeypatch.setattr(zero_mark, "_boot", lambda: "another start of this computer")
+        monkeypatch.setattr(zero_note, "_boot", lambda: "another start of this computer")
     with pytest.raises(DeviceFault, match="not zeroed since its power came on"):
         prepared(rig)
+
+
+@pytest.mark.parametrize("goes", ["the motor", "its adapter"])
+def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_again(
+    goes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On while this computer stays on, as after an e-stop that cuts the motors' power; by the operator's word too."""
+    monkeypatch.setattr(zero_note, "NOTES", tmp_path)
+    rig = Rig(robot_file(CUBEMARS))
+    one = rig.bus.motors[0]
+    rig.motors[0]._shift_rad = 0.0
+    zero_mark.leave_mark(rig.bus, one, CUBEMARS.zero_rad)
+    prepared(rig)
+    rig.begin()
+    rig.faults.add("silence", ELBOW)
+    rig.round(98)  # of 100 at 200 Hz, half a second
+    rig.faults.clear()
+    rig.round(2)
+    bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    if goes == "the motor":
+        rig.faults.add("silence", ELBOW)
+    rig.link.gone = goes == "its adapter"
+    for _ in range(102):
+        with suppress(DeviceError):
+            rig.round()
+    rig.faults.clear()
+    rig.link.gone = False
+    rig.round(2)
+    with pytest.raises(DeviceFault, match="not zeroed since its power came on or it was last silent"):
+        bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    zero_mark.leave_mark(rig.bus, one, CUBEMARS.zero_rad)
+    prepared(rig)
 
 
 YAML = """robot: g1_23dof

@@ -1,0 +1,43 @@
+"""Notes on this computer that the zero of a motor was found; for motors that can keep nothing without power.
+
+A note counts until the computer restarts, or until the motor is silent in a run for as long as a power cut takes.
+"""
+
+import json
+from pathlib import Path
+
+from core.files import write_json
+from hal.can.codec import Codec
+
+NOTES = Path(__file__).resolve().parents[2] / "runs" / "zeros"
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+def leave_note(where: str, codec: Codec, mark: float) -> None:
+    """mark: which zero was found. where: the motor's wire."""
+    path = _path(where, codec)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {"mark": mark, "boot": _boot()})
+
+
+def read_note(where: str, codec: Codec) -> float:
+    """The mark; 0 where there is none that counts."""
+    try:
+        content = json.loads(_path(where, codec).read_text(encoding="utf-8"))
+        return float(content["mark"]) if content["boot"] == _boot() else 0.0
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0.0
+
+
+def forget_note(where: str, codec: Codec) -> None:
+    """The motor may have been without power."""
+    _path(where, codec).unlink(missing_ok=True)
+
+
+def _path(where: str, codec: Codec) -> Path:
+    name = "".join(c if c.isalnum() else "-" for c in f"{where} {codec.name} {codec.motor_id}")
+    return NOTES / f"{name}.json"
+
+
+def _boot() -> str:
+    return BOOT_ID.read_text(encoding="ascii").strip()
