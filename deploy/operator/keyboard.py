@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import re
 import select
 import sys
 import termios
@@ -18,6 +19,8 @@ from deploy.operator.takeover import HOW, TAKING, WORD, Consent
 
 STOPS = frozenset({Request.DAMP, Request.FINISH})
 ESCAPE = b"\x1b"
+# ECMA-48: a control sequence ends with a letter, and may arrive in parts. BEGUN is what lacks its end.
+SEQUENCE, BEGUN = re.compile(rb"\x1b[\[O]"), re.compile(rb"\x1b(\[[0-?]*[ -/]*|O)?$")
 ERASE = "\x7f\b"
 IFLAG, CC = 0, 6
 
@@ -47,6 +50,7 @@ class Keyboard:
         self._table = KEY_TABLE if sticks is None else f"{KEY_TABLE}   {STEER_TABLE}"
         self._before: list[Any] | None = None
         self._typed: str | None = None
+        self._begun = b""
 
     @property
     def live(self) -> bool:
@@ -78,7 +82,11 @@ class Keyboard:
         return requests
 
     def _requests(self, data: bytes) -> Sequence[Request]:
-        if self._consent is not None and (len(data) > 1 or data.startswith(ESCAPE)):
+        if not data:
+            return []
+        sequence = self._begun + data
+        self._begun = found[0] if (found := BEGUN.search(sequence)) else b""
+        if self._consent is not None and (len(data) > 1 or data == ESCAPE or SEQUENCE.match(sequence)):
             return self._only_stops(data)
         text = data.decode("utf-8", errors="replace")
         if len(text) == 1 and KEYS.get(text.lower()) in STOPS:  # caps lock is on; an arrow key's D never comes alone

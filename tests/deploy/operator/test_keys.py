@@ -105,6 +105,18 @@ def test_what_comes_at_once_or_escapes_does_nothing_but_stop(terminal, pasted):
         assert typed(keyboard, master, "t") == [Request.START]
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [("\x1b", "[8;24;80t"), ("\x1b[8;24;80", "t"), ("\x1b[8;2", "4", ";80", "t"), ("\x1bO", "s"), ("\x1b", "[", "t")],
+)
+def test_an_escape_sequence_that_arrives_in_parts_does_nothing(terminal, parts):
+    """A terminal's answer about its size ends in t, as its letter."""
+    master, slave = terminal
+    with Keyboard(slave, lambda line: None, Consent(given=True)) as keyboard:
+        assert typed(keyboard, master, *parts) == []
+        assert typed(keyboard, master, "t", "\x1b[8;24;80", "d") == [Request.START, Request.DAMP]
+
+
 def test_a_pasted_word_and_a_pipe_are_no_consent(terminal, pipe):
     master, slave = terminal
     consent, said = Consent(), []
