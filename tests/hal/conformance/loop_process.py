@@ -16,8 +16,6 @@ from hal.open import open_backend
 from tests.hal.rigs import G1, hold
 
 DRIVES_S = 0.3
-
-
 PATIENT, EARNEST = "patient", "earnest"
 
 
