@@ -186,21 +186,6 @@ def test_what_the_driver_refuses_is_raised_here(tmp_path, error):
         backend.read()
 
 
-@pytest.mark.real_time
-def test_a_wire_process_that_dies_is_a_lost_link():
-    with fake_backend() as backend:
-        ready(backend)
-        drive(backend, 0.1)
-        os.kill(backend.process_id, signal.SIGKILL)
-        wait_until(lambda: backend.process_id is None)
-        for act in (backend.read, lambda: backend.write(hold(G1)), backend.acknowledge):
-            with pytest.raises(LinkLost, match="the wire process has ended with code -9"):
-                act()
-        backend.damp()
-        begun_s = time.monotonic()
-    assert time.monotonic() - begun_s < 5.0
-
-
 def test_a_fault_that_is_not_had_whole_at_first_is_seen_in_the_next_reading(monkeypatch):
     with fake_backend(faults=(MockFault("device_fault", 0.0, joint="left_knee_joint"),)) as backend:
         monkeypatch.setattr(backend._state._texts, "latest", lambda: None)
