@@ -98,20 +98,14 @@ def test_where_nobody_is_left_no_joint_counts_as_damped(tmp_path, capfd):
     assert "STANDBY_DAMP" not in events(tmp_path / "journal")
 
 
-def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be():
-    with fake_backend() as backend:
+def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be_and_an_orderly_end_ends_the_standby(tmp_path):
+    with fake_backend(journal=tmp_path / "journal") as backend:
         ready(backend)
         assert backend.undamped() is None
         drive(backend, 0.2)
         assert backend.undamped() == G1.joint_names
         backend.damp()
         wait_until(lambda: backend.undamped() == ())
-
-
-def test_an_orderly_end_ends_the_standby_too(tmp_path):
-    with fake_backend(journal=tmp_path / "journal") as backend:
-        ready(backend)
-        drive(backend, 0.1)
         (standby,) = children(backend.process_id)
     assert not runs(standby)
     assert "STANDBY_DAMP" not in events(tmp_path / "journal")
