@@ -218,16 +218,6 @@ def test_the_battery_is_known_where_it_is_reported(charge):
     assert (state.charge == charge or np.isnan(state.charge)) and np.isnan(state.supply)
 
 
-@pytest.mark.real_time
-def test_it_opens_again_after_closing(tmp_path):
-    backend = fake_backend(journal=tmp_path / "journal")
-    for _ in range(2):
-        with backend:
-            ready(backend)
-            drive(backend, 0.1)
-    assert events(tmp_path / "journal").count("disable") == 2
-
-
 def test_a_factory_that_cannot_be_sent_leaves_nothing_behind(tmp_path):
     backend = fake_backend()
     object.__setattr__(backend._setup, "factory", lambda robot: FakeFactory()(robot))

@@ -36,6 +36,7 @@ def test_a_wire_process_that_dies_or_hangs_is_damped_for(tmp_path, number):
     journal = tmp_path / "journal"
     with fake_backend(journal=journal) as backend:
         ready(backend)
+        (standby,) = children(backend.process_id)
         if number == signal.SIGKILL:
             os.kill(backend.process_id, signal.SIGSTOP)
             time.sleep(0.3)
@@ -52,9 +53,12 @@ def test_a_wire_process_that_dies_or_hangs_is_damped_for(tmp_path, number):
         backend.damp()
         wait_until(lambda: backend.undamped() == ())
         assert first_after(journal, "TRACK", damped_s) is None
+        if number == signal.SIGKILL:
+            os.kill(standby, signal.SIGKILL)  # how it ends, which takes 3 s, the other case shows
         closing_s = time.monotonic()
     assert time.monotonic() - closing_s < 5.0
-    assert events(journal)[-2:] == ["standby_disable", "standby_close"]
+    ended = events(journal)[-2:] == ["standby_disable", "standby_close"]
+    assert ended is (number == signal.SIGSTOP)
 
 
 def test_loop_and_wire_process_die_together(tmp_path):
@@ -98,8 +102,10 @@ def test_where_nobody_is_left_no_joint_counts_as_damped(tmp_path, capfd):
     assert "STANDBY_DAMP" not in events(tmp_path / "journal")
 
 
-def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be_and_an_orderly_end_ends_the_standby(tmp_path):
-    with fake_backend(journal=tmp_path / "journal") as backend:
+def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be(tmp_path):
+    """An orderly end ends the standby too, and the backend opens again."""
+    backend = fake_backend(journal=tmp_path / "journal")
+    with backend:
         ready(backend)
         assert backend.undamped() is None
         drive(backend, 0.2)
@@ -108,7 +114,11 @@ def test_driven_joints_do_not_count_as_damped_until_they_are_heard_to_be_and_an_
         wait_until(lambda: backend.undamped() == ())
         (standby,) = children(backend.process_id)
     assert not runs(standby)
+    with backend:
+        ready(backend)
+        drive(backend, 0.1)
     assert "STANDBY_DAMP" not in events(tmp_path / "journal")
+    assert events(tmp_path / "journal").count("disable") == 2
 
 
 def test_a_standby_goes_by_the_pace_of_the_others(tmp_path):
