@@ -70,18 +70,20 @@ def small_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
-def falling(folder):
-    """Options for a mock that leans from its first second on, too far for any actor."""
-    path = folder / "falling.yaml"
+def failing(folder):
+    """Options for a mock whose knee reports a fault after a second."""
+    path = folder / "failing.yaml"
     device = yaml.safe_load(config_file("hal", "mock").read_text())
-    path.write_text(yaml.safe_dump(device | {"faults": [{"kind": "tilt", "start_s": 1.0}]}))
+    path.write_text(
+        yaml.safe_dump(device | {"faults": [{"kind": "device_fault", "start_s": 1.0, "joint": "left_knee_joint"}]})
+    )
     return ["--backend", "mock", "--hal-config", str(path), "--realtime"]
 
 
 @pytest.mark.real_time
 def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
     """What trips it comes after that: exit code 3."""
-    options = (*falling(tmp_path), "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
+    options = (*failing(tmp_path), "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
     child = start(actor, *options, preexec_fn=small_disk)
     out, error = child.communicate(timeout=60)
     assert child.returncode == 3, error
@@ -206,9 +208,10 @@ def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys
         MockBackend, "close", lambda self: (there.append((tmp_path / "incidents").exists()), close(self))
     )
     monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
-    assert main([*falling(tmp_path), "--start", "reference", "--policy", str(actor)]) == 3
+    assert main([*failing(tmp_path), "--start", "reference", "--policy", str(actor)]) == 3
     (path,) = (tmp_path / "incidents").iterdir()
     assert f"ticks are in {path}" in capsys.readouterr().err
     log = read_log(path)
-    assert log.cut is None and log.about["reason"].startswith("tilt: ") and len(log.ticks) > 20
+    assert log.cut is None and log.about["reason"] == "device_fault: motor_fault:left_knee_joint"
+    assert len(log.ticks) > 20
     assert there == [False]  # motors are let go first: writing takes seconds
