@@ -23,9 +23,10 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 
 # The tests that go side by side fill the cores: further threads of torch would only wait for one.
 # What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
+# Only the files that name the mark are loaded for it: the others take seconds to import.
 test: install lint  ## linters, types, import rules, tests
 	$(RUN) OMP_NUM_THREADS=1 pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
-	$(RUN) pytest -rRs -m real_time tests/hal tests/deploy
+	$(RUN) pytest -rRs -m real_time $$(grep -rlw real_time tests/hal tests/deploy --include='test_*.py')
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
 	$(RUN) pytest -rRs tests/hal/conformance --all-wires

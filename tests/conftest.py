@@ -68,6 +68,12 @@ class TryAgain:
         return report
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Which files hold tests that keep time, `make test` tells by the word."""
+    if item.get_closest_marker("real_time") and "real_time" not in item.path.read_text():
+        raise pytest.UsageError(f"{item.nodeid} keeps time: its file must name the mark real_time")
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     keeping_time = [item for item in items if item.get_closest_marker("real_time")]

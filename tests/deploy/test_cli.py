@@ -10,7 +10,9 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+import yaml
 
+from core.config import config_file
 from deploy.cli import main
 from deploy.operator.keys import KEY_TABLE
 from deploy.safety.guard import Guard
@@ -21,9 +23,17 @@ RUN = Path(__file__).resolve().parents[2] / "deploy" / "run"
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1"}
 
 
+def write_preflight(path, settle_s=0.1):
+    """The default settings but for the time in which a device comes to rest: the mock hangs at rest from the first."""
+    settings = yaml.safe_load(config_file("deploy", "default").read_text())
+    settings["preflight"] |= {"settle_s": settle_s, "samples": 5}
+    path.write_text(yaml.safe_dump(settings))
+
+
 @pytest.fixture(scope="module")
 def actors(tmp_path_factory):
     folder = tmp_path_factory.mktemp("actors")
+    write_preflight(folder / "short.yaml")
     write_standing_actor(folder / "stand.onnx")
     write_standing_actor(folder / "clip.onnx", seconds=1.0, name="clip")
     write_linear_actor(folder / "long.onnx", seconds=60.0, name="long")
@@ -193,7 +203,7 @@ def ignore_signals():
     ("number", "state"), [(signal.SIGINT, "STAND_UP"), (signal.SIGTERM, "TRACKING")], ids=lambda value: str(value)
 )
 def test_a_signal_stops_within_5_s_damped_and_orderly(actors, tmp_path, number, state):
-    start = [] if state == "STAND_UP" else ["--start", "reference"]
+    start = ["--config", str(actors / "short.yaml")] if state == "STAND_UP" else ["--start", "reference"]
     child = start_realtime(
         actors,
         "--backend",
@@ -231,7 +241,8 @@ def test_the_status_of_a_run_over_http(actors):
 
 @pytest.mark.real_time
 def test_a_person_at_the_keys_through_a_pipe(actors):
-    child = start_realtime(actors, "--backend", "mock", "--interactive", stdin=subprocess.PIPE)
+    short = str(actors / "short.yaml")
+    child = start_realtime(actors, "--backend", "mock", "--interactive", "--config", short, stdin=subprocess.PIPE)
 
     def press(key):
         child.stdin.write(key)

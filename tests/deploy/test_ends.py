@@ -4,17 +4,20 @@ import contextlib
 import json
 import os
 import pty
+import re
 import select
 import signal
 import subprocess
 import sys
 import termios
 import time
+from pathlib import Path
 
 import pytest
 
-from tests.deploy.test_cli import ENVIRONMENT, command
+from tests.deploy.test_cli import ENVIRONMENT, command, write_preflight
 from tests.deploy.toys import write_linear_actor, write_standing_actor
+from tests.hal.wire.test_process import wait_until
 
 pytestmark = pytest.mark.real_time
 
@@ -24,6 +27,7 @@ LIMIT_S = 5.0
 @pytest.fixture(scope="module")
 def actors(tmp_path_factory):
     folder = tmp_path_factory.mktemp("actors")
+    write_preflight(folder / "short.yaml")
     write_standing_actor(folder / "stand.onnx")
     write_linear_actor(folder / "long.onnx", seconds=60.0, name="long")
     return folder
@@ -90,7 +94,7 @@ def test_a_stopped_terminal_takes_nothing_from_the_run_and_sigterm_ends_it(actor
     with Terminal(actors, tmp_path, "--interactive", "--start", "reference") as run:
         run.wait_for("TRACKING")
         run.stop_output()
-        for _ in range(40):
+        for _ in range(20):
             os.write(run.master, b"x")
             time.sleep(0.03)
         assert not select.select([run.master], [], [], 0.0)[0]
@@ -101,9 +105,9 @@ def test_a_stopped_terminal_takes_nothing_from_the_run_and_sigterm_ends_it(actor
 
 @pytest.mark.parametrize("state", ["IDLE", "TRACKING"])
 def test_a_closed_terminal_ends_it(actors, tmp_path, state):
-    start = ["--start", "reference"] if state == "TRACKING" else []
+    start = ["--start", "reference"] if state == "TRACKING" else ["--config", str(actors / "short.yaml")]
     with Terminal(actors, tmp_path, "--interactive", *start) as run:
-        run.wait_for("TRACKING" if start else "ctrl-c stop")
+        run.wait_for("ctrl-c stop" if state == "IDLE" else "TRACKING")
         os.close(run.master)
         assert run.ends_within_s() == (pytest.approx(0.0, abs=LIMIT_S), 0)
         assert_stopped(run)
@@ -111,11 +115,20 @@ def test_a_closed_terminal_ends_it(actors, tmp_path, state):
 
 @pytest.mark.parametrize("phase", ["preflight", "dry run"])
 def test_a_stop_in_a_phase_before_the_loop_ends_it(actors, tmp_path, phase):
-    with Terminal(actors, tmp_path, *(["--dry-run"] if phase == "dry run" else [])) as run:
-        run.wait_for("actor toy_stand")
-        time.sleep(0.3 if phase == "dry run" else 0.0)
+    write_preflight(tmp_path / "long.yaml", settle_s=30.0)
+    config = tmp_path / "long.yaml" if phase == "preflight" else actors / "short.yaml"
+    with Terminal(actors, tmp_path, "--config", str(config), *(["--dry-run"] if phase == "dry run" else [])) as run:
+        if phase == "dry run":
+            run.wait_for("actor toy_stand")
+        wait_until(lambda: catches(run.pid, signal.SIGHUP))
+        time.sleep(0.3)
         os.kill(run.pid, signal.SIGHUP)
         assert run.ends_within_s() == (pytest.approx(0.0, abs=LIMIT_S), 0)
+
+
+def catches(pid, number):
+    (mask,) = re.findall(r"^SigCgt:\s*(\w+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE)
+    return int(mask, 16) >> (number - 1) & 1
 
 
 def test_a_pipe_whose_reader_is_gone_drops_nobody(actors, tmp_path):

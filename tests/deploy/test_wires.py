@@ -180,6 +180,12 @@ def answer_then(typist, at_the_end):
     at_the_end()
 
 
+def stop_when_damped_again(rig):
+    """Ends the run when the device has been told to damp after it was driven; a run without such an end takes 10 s."""
+    wait_until(lambda: "TRACK" in events(rig) and events(rig)[-1] == "DAMP", 20.0)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 @pytest.mark.real_time
 @pytest.mark.parametrize("end", ["closed", "stalled"])
 def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig, capsys, monkeypatch, end):
@@ -194,7 +200,8 @@ def test_a_robot_whose_operator_is_lost_is_damped_after_the_configured_time(rig,
     typist.start()
     at_the_end = (lambda: None) if end == "stalled" else (lambda: os.close(typist.master))
     threading.Thread(target=answer_then, args=(typist, at_the_end)).start()
-    assert rig("--first-run-ok", "--duration", 6.0) == 0
+    threading.Thread(target=stop_when_damped_again, args=(rig,)).start()
+    assert rig("--first-run-ok", "--duration", 10.0) == 0
     error = capsys.readouterr().err
     assert "operator lost: no live stop source (had: keyboard, remote)" in error
     rows = [row for row in read_journal(rig.folder / "journal") if row[1] in ("TRACK", "DAMP")]

@@ -9,9 +9,11 @@ import time
 from dataclasses import replace
 
 import pytest
+import yaml
 from mcap.reader import make_reader
 
 import deploy.record.watching
+from core.config import config_file
 from core.errors import InputError
 from deploy.cli import main
 from deploy.control.states import StateMachine
@@ -23,7 +25,7 @@ from deploy.record.messages import TickMessages
 from deploy.record.read_log import read_log
 from deploy.record.replay_log import main as replay
 from deploy.safety.guard import Guard
-from hal.simulated.mujoco import MujocoBackend
+from hal.simulated.mock import MockBackend
 from tests.deploy.test_cli import ENVIRONMENT, RUN, wait_for
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, write_linear_actor
 
@@ -68,10 +70,20 @@ def small_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
+def failing(folder):
+    """Options for a mock whose knee reports a fault after a second."""
+    path = folder / "failing.yaml"
+    device = yaml.safe_load(config_file("hal", "mock").read_text())
+    path.write_text(
+        yaml.safe_dump(device | {"faults": [{"kind": "device_fault", "start_s": 1.0, "joint": "left_knee_joint"}]})
+    )
+    return ["--backend", "mock", "--hal-config", str(path), "--realtime"]
+
+
 @pytest.mark.real_time
 def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
-    """An actor that does nothing falls in MuJoCo: exit code 3."""
-    options = ("--backend", "mujoco", "--realtime", "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
+    """What trips it comes after that: exit code 3."""
+    options = (*failing(tmp_path), "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
     child = start(actor, *options, preexec_fn=small_disk)
     out, error = child.communicate(timeout=60)
     assert child.returncode == 3, error
@@ -191,15 +203,15 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
 
 @pytest.mark.real_time
 def test_a_run_on_the_wall_clock_keeps_them(actor, tmp_path, monkeypatch, capsys):
-    close, there = MujocoBackend.close, []
+    close, there = MockBackend.close, []
     monkeypatch.setattr(
-        MujocoBackend, "close", lambda self: (there.append((tmp_path / "incidents").exists()), close(self))
+        MockBackend, "close", lambda self: (there.append((tmp_path / "incidents").exists()), close(self))
     )
     monkeypatch.setattr(deploy.record.watching, "INCIDENTS", tmp_path / "incidents")
-    options = ["--backend", "mujoco", "--start", "reference", "--policy", str(actor), "--realtime"]
-    assert main(options) == 3
+    assert main([*failing(tmp_path), "--start", "reference", "--policy", str(actor)]) == 3
     (path,) = (tmp_path / "incidents").iterdir()
     assert f"ticks are in {path}" in capsys.readouterr().err
     log = read_log(path)
-    assert log.cut is None and log.about["reason"].startswith("tilt: ") and len(log.ticks) > 20
+    assert log.cut is None and log.about["reason"] == "device_fault: motor_fault:left_knee_joint"
+    assert len(log.ticks) > 20
     assert there == [False]  # motors are let go first: writing takes seconds

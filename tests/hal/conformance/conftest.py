@@ -15,36 +15,28 @@ SHARED_GRACE_S = 1.0
 SLOWED = 2.5
 
 
-# What is shown of a wire without --all-wires: that every exit ends in damping, and whose joint is whose.
-ALWAYS = ("test_exits.py", "test_mapping.py")
-SOMETIMES = ("wire stopped", "both killed")
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Real time is dear, and a shared machine is late: most trials on a wire need --all-wires and a quiet machine."""
     if config.getoption("--all-wires"):
         return
-    mine = [item for item in items if item.path.parent == Path(__file__).parent]
-    turns: dict[str, int] = {}
-    dropped = {item for item in mine if _on_a_wire(item) and (item.path.name not in ALWAYS or _waits(item, turns))}
+    dropped = {item for item in items if item.path.parent == Path(__file__).parent and _waits(item)}
     config.hook.pytest_deselected(items=[item for item in items if item in dropped])
     items[:] = [item for item in items if item not in dropped]
 
 
-def _on_a_wire(item: pytest.Item) -> bool:
-    return any(value in WIRES or value.startswith("fake-wire") for value in _values(item))
+def _waits(item: pytest.Item) -> bool:
+    """Whether it is a trial on a wire that the mark `always` does not name.
 
-
-def _waits(item: pytest.Item, turns: dict[str, int]) -> bool:
-    """Whether it is another wire's turn: each trial of the mapping takes one of them, each test all of them.
-
-    Of the other exits a few need a quiet machine.
+    The mark gives each wire its case, None for all; without any, it names all cases of all wires.
     """
-    if item.path.name != "test_mapping.py":
-        return bool(set(_values(item)) & set(SOMETIMES))
-    (wire,) = set(_values(item)) & set(WIRES)
-    trial = turns.setdefault(item.nodeid.replace(wire, "*"), len(turns))
-    return list(WIRES)[(trial + trial // len(WIRES)) % len(WIRES)] != wire
+    values = _values(item)
+    if not any(value in WIRES or value.startswith("fake-wire") for value in values):
+        return False
+    if (mark := item.get_closest_marker("always")) is None:
+        return True
+    (cases,) = mark.args or (dict.fromkeys(WIRES),)
+    (wire,) = set(values) & set(WIRES)
+    return wire not in cases or cases[wire] not in (None, *values)
 
 
 def _values(item: pytest.Item) -> list[str]:

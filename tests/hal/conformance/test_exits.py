@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from hal.open import WIRES
+from tests.hal.conformance.loop_process import EARNEST, PATIENT
 from tests.hal.conformance.rigs import Emulators, wait_until
 from tests.hal.rigs import PERIOD_S
 
@@ -40,10 +41,20 @@ class LoopOnWire:
             if self._opened():
                 break
             self.stop()
-        assert self.process.stdin is not None and self.process.poll() is None, self.complaint
-        wait_until(lambda: self.modes() == {"driven"}, 20.0)
-        self.process.stdin.close()
+        assert self.process.poll() is None, self.complaint
+        self.is_driven()
         return self.process
+
+    def is_driven(self) -> None:
+        """The loop acknowledges until all motors are driven, and nothing more from then on."""
+        self._tell(PATIENT)
+        wait_until(lambda: self.modes() == {"driven"}, 20.0)
+        self._tell(EARNEST)
+
+    def _tell(self, word: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{word}\n")
+        self.process.stdin.flush()
 
     def _launch(self, end: str) -> None:
         call = [*self._call, json.dumps(self.emulator.endpoints), end]
@@ -97,15 +108,9 @@ def loop(wire: str, running: Emulators) -> Iterator[LoopOnWire]:
     made.stop()
 
 
-def test_kill_of_the_loop(loop: LoopOnWire, grace_s: float) -> None:
-    process = loop.start()
-    process.kill()
-    killed_s = time.monotonic()
-    assert loop.damped_after_s(killed_s) < loop.deadline_s + grace_s
-    wait_until(lambda: loop.modes() == {"slack"})
-
-
-def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire, grace_s: float) -> None:
+@pytest.mark.always
+def test_a_frozen_loop_stays_damped_when_it_thaws_and_a_killed_one_ends_slack(loop: LoopOnWire, grace_s: float) -> None:
+    """In between it acknowledges, and drives again."""
     process = loop.start()
     process.send_signal(signal.SIGSTOP)
     frozen_s = time.monotonic()
@@ -113,8 +118,14 @@ def test_a_frozen_loop_stays_damped_when_it_thaws(loop: LoopOnWire, grace_s: flo
     process.send_signal(signal.SIGCONT)
     time.sleep(0.3)
     assert loop.modes() == {"damped"}
+    loop.is_driven()
+    process.kill()
+    killed_s = time.monotonic()
+    assert loop.damped_after_s(killed_s) < loop.deadline_s + grace_s
+    wait_until(lambda: loop.modes() == {"slack"})
 
 
+@pytest.mark.always({"dds": "close", "can": "raise", "dynamixel": "close"})
 @pytest.mark.parametrize("end", ["raise", "close"])
 def test_an_end_of_the_loop_damps_first_and_disables_then(loop: LoopOnWire, end: str, grace_s: float) -> None:
     process = loop.start(end)
@@ -133,6 +144,7 @@ STRUCK = {
 }
 
 
+@pytest.mark.always({"dds": "wire killed", "can": "both stopped", "dynamixel": "both stopped"})
 @pytest.mark.parametrize("how", STRUCK)
 def test_a_wire_process_that_is_no_more_is_damped_for(loop: LoopOnWire, how: str, grace_s: float) -> None:
     """Its standby takes the wire, and lets go of it at the end. All cases and states: benchmarks/exits.py."""

@@ -91,7 +91,7 @@ def stand_up(backend: WireBackend, folder: Path) -> StateMachine:
 
 def test_a_wire_without_devices_begins_with_no_stiffness_at_all(tmp_path: Path) -> None:
     journal = tmp_path / "journal"
-    with fake_backend(journal=journal, enable_s=1.5, control_period_s=PERIOD_S) as backend:
+    with fake_backend(journal=journal, enable_s=0.9, control_period_s=PERIOD_S) as backend:
         assert not ready(backend).energised
         assert stand_up(backend, tmp_path).fault is None
     rows = read_journal(journal)

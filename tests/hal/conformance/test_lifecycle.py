@@ -20,7 +20,7 @@ SCALING_NM = 0.5
 
 @pytest.fixture(scope="module", params=rig_names())
 def rig_name(request: pytest.FixtureRequest) -> str:
-    """Of the module's scope, so that all tests of one backend follow one another."""
+    """Of the module's scope, so that all tests of one backend follow one another. The wires' are real_time."""
     return request.param
 
 

@@ -1,19 +1,12 @@
-"""Which pace is chosen for an emulated robot, and that all three processes go by it."""
+"""Which pace is chosen for an emulated robot."""
 
 import contextlib
-import time
-from collections.abc import Iterator
 
-import numpy as np
 import pytest
 
 from core import robot_time
 from core.clock import SimulatedClock
-from hal.wire.backend import WireBackend
-from hal.wire.emulated import EmulatedWireBackend
 from hal.wire.pace import PaceTrial
-from tests.hal.conformance.rigs import Emulators, emulators, make_wire, ready, wait_until
-from world.actuation import JointCommand
 
 PERIOD_S = 0.02
 
@@ -57,47 +50,3 @@ def test_a_busy_machine_is_not_tried_at_a_pace_that_it_cannot_keep(monkeypatch: 
     machine = LateMachine(0.005)
     assert machine.choose(monkeypatch, load=2.4) == "3 times slower than real time, states at most 6 ms old"
     assert machine.paces == [1.0, 3.0]
-
-
-@pytest.fixture(scope="module")
-def running() -> Iterator[Emulators]:
-    with emulators(1.0) as started:
-        yield started
-
-
-@pytest.mark.real_time
-@pytest.mark.parametrize("wire", ["dds", "can", "dynamixel"])
-def test_loop_wire_and_robot_are_slowed_alike(wire: str, running: Emulators) -> None:
-    factor = 3.0
-    rig = make_wire(wire, running)
-    assert rig.emulator is not None
-    status = rig.emulator.control.status
-    with rig.backend as backend:
-        state = ready(backend)
-        zero = 0.0 * state.joint_pos_rad
-        hold = JointCommand(state.joint_pos_rad, zero, 0.1 * rig.robot.kp, rig.robot.damping_kd, zero)
-        until_s = backend.clock.now_s() + 20.0
-        while set(status()["mode"].values()) != {"driven"}:
-            assert backend.clock.now_s() < until_s, backend.read().faults
-            backend.write(hold)
-            backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
-        backend._set_pace(factor)
-        began_s, began = time.monotonic(), _progress(backend, status()["time_s"])
-        while time.monotonic() < began_s + 0.8:
-            backend.write(hold)
-            backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
-        spent_s = (time.monotonic() - began_s) / factor
-        ended = _progress(backend, status()["time_s"])
-        assert np.subtract(ended, began) == pytest.approx(spent_s, rel=0.2)
-        # Three control periods without a command, in robot time, are three times as long.
-        silent_s = time.monotonic()
-        wait_until(lambda: set(status()["mode"].values()) == {"damped"})
-        assert time.monotonic() - silent_s > 0.8 * 3 * rig.period_s * factor
-        backend._set_pace(1.0)
-    assert abs(robot_time.monotonic() - time.monotonic()) < 0.01
-
-
-def _progress(backend: EmulatedWireBackend, emulator_s: float) -> list[float]:
-    """How far loop, emulator and the wire's first cycle have come, each in its own seconds."""
-    cycle = next(iter(WireBackend.report(backend)["cycles"].values()))
-    return [backend.clock.now_s(), emulator_s, 1e-3 * cycle["period_ms"] * cycle["rounds"]]

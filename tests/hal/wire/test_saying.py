@@ -53,11 +53,11 @@ def as_standard_error(blocked):
 def test_every_bus_is_damped_and_the_process_ends_though_standard_error_is_blocked(tmp_path, blocking):
     journal = tmp_path / "journal"
     with blocking() as blocked:
-        backend = fake_backend(journal=journal, fail_at_s=0.4, fail_until_s=0.5, control_period_s=0.1)
+        backend = fake_backend(journal=journal, fail_at_s=0.2, fail_until_s=0.3, control_period_s=0.1)
         with as_standard_error(blocked):
             backend.open()
         ready(backend)
-        drive(backend, 1.0)
+        drive(backend, 0.6)
         process = backend._process
         failed = "wire: fake: the adapter was pulled out" in backend.read().faults
         damped = events(journal).count("DAMP")
