@@ -94,7 +94,9 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
         if options.dry_run:
             ending = _rehearse(options, setup, info, cell, signals)
         else:
-            observers = watching(options, setup.robot, setup.backend, setup.settings.record, voice, kept)
+            observers = watching(
+                options, setup.robot, setup.backend, cell.guard.winding, setup.settings.record, voice, kept
+            )
             ending = _perform(options, setup, cell, [*([] if film is None else [film]), *observers], signals, estop)
             if options.hand_back and cell.machine.fault is None and isinstance(setup.backend, WireBackend):
                 setup.backend.hand_back()

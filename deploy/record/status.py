@@ -9,6 +9,7 @@ import numpy as np
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.messages import plain
+from deploy.safety.health import WindingTemperature
 from hal.contract.types import RobotState
 from robot.robot import Robot
 
@@ -18,11 +19,16 @@ BATTERY = "battery "
 class Status:
     """An observer that keeps the latest tick; what is asked of it is worked out by who asks, in any thread.
 
-    statistics: the wire's counters. Those whose names begin with "battery " are the battery's.
+    statistics: the wire's counters. Those whose names begin with "battery " are the battery's. winding: see Guard.
     """
 
-    def __init__(self, robot: Robot, statistics: Callable[[], Mapping[str, Any]] | None = None) -> None:
-        self._robot, self._statistics = robot, statistics
+    def __init__(
+        self,
+        robot: Robot,
+        statistics: Callable[[], Mapping[str, Any]] | None = None,
+        winding: WindingTemperature | None = None,
+    ) -> None:
+        self._robot, self._statistics, self._winding = robot, statistics, winding
         self._latest: tuple[float, RobotState | None, TickResult, PhaseTimer] | None = None
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
@@ -48,12 +54,14 @@ class Status:
 
     def _of_state(self, state: RobotState) -> dict[str, Any]:
         names, share = self._robot.joint_names, np.abs(state.joint_torque_nm) / self._robot.torque_limit_nm
-        heat = state.temperature_c
+        heat, winding = state.temperature_c, self._winding
         return {
             "device_faults": state.faults,
             "age_ms": {"joints": 1e3 * float(state.joint_age_s.max()), "imu": 1e3 * state.imu_age_s},
             "torque_share": dict(zip(names, share.tolist())),
             "temperature_c": None if heat is None else dict(zip(names, heat.tolist())),
+            "winding_c": None if winding is None else dict(zip(names, winding.winding_c.tolist())),
+            "minutes_left": None if winding is None else dict(zip(names, (winding.left_s / 60.0).tolist())),
         }
 
 
@@ -64,6 +72,9 @@ def line(content: Mapping[str, Any]) -> str:
         parts.append(f"fault {content['trip']}")
     if hottest := _largest(content.get("temperature_c")):
         parts.append(f"hottest {hottest[0]} {hottest[1]:.0f} C")
+    left = {name: -minutes for name, minutes in (content.get("minutes_left") or {}).items() if minutes is not None}
+    if soonest := _largest(left):
+        parts.append(f"{soonest[0]} too hot in {-soonest[1]:.0f} minutes")
     if strained := _largest(content.get("torque_share")):
         parts.append(f"torque {strained[0]} {100.0 * strained[1]:.0f} %")
     if ages := content.get("age_ms"):

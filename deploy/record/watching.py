@@ -11,6 +11,7 @@ from deploy.record.log import McapLog
 from deploy.record.messages import TickMessages
 from deploy.record.status import Status, StatusLine
 from deploy.record.status_server import StatusServer
+from deploy.safety.health import WindingTemperature
 from deploy.settings import RecordSettings
 from hal.contract.backend import Backend
 from hal.wire.backend import WireBackend
@@ -21,6 +22,7 @@ def watching(
     options: RunOptions,
     robot: Robot,
     backend: Backend,
+    winding: WindingTemperature | None,
     settings: RecordSettings,
     voice: Voice,
     stack: contextlib.ExitStack,
@@ -29,7 +31,7 @@ def watching(
     wire = backend if isinstance(backend, WireBackend) else None
     messages = TickMessages() if wire is None else TickMessages(wire.remote, wire.statistics)
     about = {"backend": options.backend, "policy": options.policies[0], "robot": robot.name}
-    status = Status(robot, None if wire is None else wire.statistics)
+    status = Status(robot, None if wire is None else wire.statistics, winding)
     observers: list[Observer] = [status]
     if options.log is not None:
         log = McapLog(options.log, robot, about, messages, may_wait=not options.on_wall_clock, complain=voice.complain)

@@ -24,7 +24,8 @@ class Guard:
     """All safety rules of one run.
 
     report_only: rules (a) torque_limit and (b) soft_position count but do not act; for simulation only.
-    counts: ticks on which each rule was violated or acted, by rule name.
+    counts: ticks on which each rule was violated or acted, by rule name. winding: the heat of the motors; None where
+    the robot has no figures of it.
     """
 
     def __init__(self, robot: Robot, settings: DeploySettings, period_s: float, *, report_only: bool = False) -> None:
@@ -38,8 +39,8 @@ class Guard:
         )
         self._trips: tuple[TripRule, ...] = trip_rules(robot, safety, period_s, self._gate)
         self._battery = Battery(safety.battery)
-        windings = (rule for rule in self._trips if isinstance(rule, WindingTemperature))
-        self._forecasts: tuple[Forecast, ...] = (*windings, self._battery)
+        self.winding = next((rule for rule in self._trips if isinstance(rule, WindingTemperature)), None)
+        self._forecasts: tuple[Forecast, ...] = (*([self.winding] if self.winding else []), self._battery)
         self._tallies = {rule.name: Tally(rule) for rule in self._trips}
         self._no_velocity = np.zeros(robot.num_joints)
         self._no_velocity.setflags(write=False)

@@ -124,6 +124,7 @@ class WindingTemperature(TripRule):
     """A motor's winding, by the model of its heat, comes too near its limit.
 
     See Forecast: a warning while no more than `warn_s` are left before that at the load of late, urgent from `lower_s`.
+    left_s: how long (J,) each motor may go on like that; inf: for ever.
     """
 
     name = "winding_temperature"
@@ -139,6 +140,12 @@ class WindingTemperature(TripRule):
         self._heat = MotorHeat(robot.torque_limit_nm, figures)
         self._max_c, self._warn_s, self._lower_s = max_c, warn_s, lower_s
         self._last_s: float | None = None
+        self.left_s = self._heat.left_s(max_c)
+
+    @property
+    def winding_c(self) -> np.ndarray:
+        """Temperature (J,) of the windings, by the model."""
+        return self._heat.winding_c
 
     def violation(self, sample: Sample) -> str | None:
         """See TripRule. The model goes on by the time since the sample before."""
@@ -146,7 +153,7 @@ class WindingTemperature(TripRule):
         lasted_s = 0.0 if self._last_s is None else max(0.0, state.time_s - self._last_s)
         self._last_s = state.time_s
         self._heat.step(state.joint_torque_nm, lasted_s, state.temperature_c)
-        left_s = self._heat.left_s(self._max_c)
+        left_s = self.left_s = self._heat.left_s(self._max_c)
         first = int(np.argmin(left_s))
         self.warning, self.urgent = None, bool(left_s[first] <= self._lower_s)
         if left_s[first] <= self._warn_s:

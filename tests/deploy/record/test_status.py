@@ -5,6 +5,7 @@ import socket
 import time
 import urllib.error
 import urllib.request
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,25 @@ def test_json_and_text_over_loopback():
         assert len(body.splitlines()) == 1 + ROBOT.num_joints
         with pytest.raises(urllib.error.HTTPError, match="404"):
             ask(server.address + "etc/passwd")
+
+
+def test_the_minutes_that_a_motor_has_left_at_its_load_of_late():
+    """Half of the left knee's 139 Nm for 300 s, ten time constants of its winding, at a housing of 40 C.
+
+    The winding is a quarter of 225 K warmer, 96.25 C. The housing goes to 30 + 337.5 / 4 = 114.375 C, by 900 s. At
+    115 - 56.25 = 58.75 C of it the rule trips: after 900 ln((114.375 - 40) / (114.375 - 58.75)) = 261.4 s.
+    """
+    tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), guard := Guard(ROBOT, SETTINGS, PERIOD_S))
+    status = Status(ROBOT, None, guard.winding)
+    reading = with_joint("joint_torque_nm", -69.5, temperature_c=np.full(ROBOT.num_joints, 40.0))
+    for time_s in (0.0, 300.0):
+        status(reading, tick(replace(reading, time_s=time_s)), PhaseTimer())
+    content = json.loads(json.dumps(status.content()))
+    assert content["winding_c"]["left_knee_joint"] == pytest.approx(96.25, abs=0.01)
+    assert content["winding_c"]["right_knee_joint"] == 40.0 and content["minutes_left"]["right_knee_joint"] is None
+    assert content["minutes_left"]["left_knee_joint"] == pytest.approx(261.4 / 60.0, abs=0.01)
+    assert "left_knee_joint too hot in 4 minutes" in line(content)
+    assert "too hot" not in line(shown(reading).content())
 
 
 def test_a_trip_and_a_device_fault_are_in_it():
