@@ -157,8 +157,11 @@ def outside_support_m(point_xy: np.ndarray, bearing_w: np.ndarray) -> np.ndarray
     """
     angle = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    near = (bearing_w[..., 2] <= NEAR_GROUND_M)[..., None]
-    reach = np.where(near, bearing_w[..., :2] @ directions, -np.inf).max(axis=1)
+    near = bearing_w[..., 2] <= NEAR_GROUND_M
+    reach = np.full((len(bearing_w), _DIRECTIONS), -np.inf)
+    for point in np.flatnonzero(near.any(axis=0)):  # few of a body's points ever bear
+        frames = near[:, point]
+        reach[frames] = np.maximum(reach[frames], bearing_w[frames, point, :2] @ directions)
     return (point_xy @ directions - reach).max(axis=1)
 
 

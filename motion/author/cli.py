@@ -8,7 +8,7 @@ import numpy as np
 from core.arguments import ArgumentParser, path_argument
 from core.command import guarded
 from core.errors import InputError
-from motion.author.choreography import GROUPS, load_choreography
+from motion.author.choreography import GROUPS, Choreography, load_choreography
 from motion.author.solver import solve_frames
 from motion.author.stand import SIDES, StandPose, stand_pose
 from motion.author.targets import body_targets, corrected
@@ -30,8 +30,7 @@ def choreography_names() -> list[str]:
 def build_clip(path: Path, robot: Robot) -> Clip:
     """Clip of the choreography file at `path`. Raises InputError naming file and key."""
     stand = stand_pose(robot)
-    feet_m = {side: (float(x), float(y)) for side, (x, y, _) in zip(SIDES, stand.foot_pos_w, strict=True)}
-    choreography = load_choreography(path, _stand_values(stand), feet_m)
+    choreography = choreography_of(path, stand)
     targets = body_targets(choreography, stand)
     qpos, wanted_zmp_w = solve_frames(robot, stand, choreography, targets), targets.zmp_w
     for _ in range(CORRECTIONS):
@@ -48,6 +47,12 @@ def build_clip(path: Path, robot: Robot) -> Clip:
         license="Apache-2.0",
         created_by="kata motion/author",
     )
+
+
+def choreography_of(path: Path, stand: StandPose) -> Choreography:
+    """The choreography file at `path` for who stands like that. Raises InputError naming file and key."""
+    feet_m = {side: (float(x), float(y)) for side, (x, y, _) in zip(SIDES, stand.foot_pos_w, strict=True)}
+    return load_choreography(path, _stand_values(stand), feet_m)
 
 
 def _stand_values(stand: StandPose) -> dict[str, tuple[float, ...]]:

@@ -19,7 +19,6 @@ from motion.human.bvh import UNITS_M
 from motion.human.placing import UPRIGHT_WXYZ
 from motion.library import CLIPS, bundled_names
 from motion.pipeline import ProcessRequest, process
-from motion.report.page import report_page
 from motion.report.record import TRACKABLE, document, json_text
 
 DEFAULT_FOLDER = Path("motions")
@@ -178,6 +177,8 @@ def _work(job: Job) -> int:
         say(f"{verdict}, done already")
         return DONE if verdict == TRACKABLE else FAILED
     record = process(job.request, say)
+    from motion.report.page import report_page  # draws: slow to load, and no use to who asks for help or errs
+
     say("report")
     files = {} if record.clip is None else {f"{name}.npz": clip_to_bytes(record.clip)}
     content = json_text(document(record))

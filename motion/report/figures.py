@@ -126,7 +126,9 @@ def _joint_grid(
         for limit in limits[joint]:
             axes.axhline(limit, color=LIMIT_COLOR, linestyle="--", linewidth=0.8)
         axes.plot(time_s[wrong[:, joint]], values[wrong[:, joint], joint], ".", color=LIMIT_COLOR, markersize=3)
-        axes.set_title(f"{robot.joint_names[joint].removesuffix('_joint')} ({unit})", fontsize=7, loc="left", pad=2)
+        axes.set_title(
+            f"{robot.joint_names[joint].removesuffix('_joint')} ({unit})", fontsize=7, loc="left", pad=2, y=1.0
+        )
         axes.tick_params(labelsize=6, length=2, pad=1)
         axes.grid(alpha=0.3)
     return png_of(figure)
@@ -139,7 +141,7 @@ def _figure(height_in: float) -> Figure:
 
 
 def _dress(axes: Axes, title: str, *, legend: bool = False) -> None:
-    axes.set_title(title, fontsize=9, loc="left")
+    axes.set_title(title, fontsize=9, loc="left", y=1.0)
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)

@@ -54,7 +54,7 @@ def joint_plot(trace: Trace, robot: Robot) -> np.ndarray:
         for column in columns:
             label = robot.joint_names[column].removeprefix(f"{group}_").removesuffix("_joint")
             axes.plot(trace.time_s, trace.joint_pos_rad[:, column], linewidth=1.0, label=label)
-        axes.set_title(f"{group} joints (rad)", fontsize=8, loc="left", pad=2)
+        axes.set_title(f"{group} joints (rad)", fontsize=8, loc="left", pad=2, y=1.0)
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + LEGEND_SHARE * (high - low))
         axes.legend(fontsize=6, ncols=4, loc="upper right", framealpha=0.6, borderpad=0.2, handlelength=1.0)

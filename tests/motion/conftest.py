@@ -9,6 +9,7 @@ import pytest
 from motion.author.cli import build_clip
 from motion.clip import Clip
 from robot.robot import Robot, load_robot
+from tests.robot.toy import load_toy
 
 
 @pytest.fixture(scope="session")
@@ -41,13 +42,18 @@ def fields() -> dict:
     return clip_fields()
 
 
-@pytest.fixture
-def standing_clip(robot: Robot) -> Callable[..., Clip]:
-    """Builds a clip of the robot in its default pose, with the given fields replaced."""
+@pytest.fixture(scope="session")
+def toy() -> Robot:
+    """Of few joints, so that plots of them are soon drawn."""
+    return load_toy()
+
+
+def standing(robot: Robot, height_m: float) -> Callable[..., Clip]:
+    """Builds a clip of `robot` in its default pose, its root so high, with the given fields replaced."""
 
     def build(num_frames: int = 31, fps: float = 30.0, **changes) -> Clip:
         values = {
-            "root_pos_w": np.tile([0.0, 0.0, 0.8], (num_frames, 1)),
+            "root_pos_w": np.tile([0.0, 0.0, height_m], (num_frames, 1)),
             "root_quat_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (num_frames, 1)),
             "joint_pos_rad": np.tile(robot.default_pos_rad, (num_frames, 1)),
             "contact": np.ones((num_frames, 2)),
@@ -55,3 +61,13 @@ def standing_clip(robot: Robot) -> Callable[..., Clip]:
         return Clip(fps=fps, joint_names=robot.joint_names, **(values | changes))
 
     return build
+
+
+@pytest.fixture
+def standing_clip(robot: Robot) -> Callable[..., Clip]:
+    return standing(robot, 0.8)
+
+
+@pytest.fixture
+def toy_clip(toy: Robot) -> Callable[..., Clip]:
+    return standing(toy, 0.485)

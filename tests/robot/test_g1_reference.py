@@ -121,5 +121,7 @@ def _stl_vertices(path):
 def _beyond_hull(points, corners):
     """How far (m) ``points`` lie outside the convex hull of ``corners``: its support in 720 directions."""
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    out = np.stack([np.cos(angle), np.sin(angle)])
-    return (points @ out - (corners @ out).max(0)).max(1)
+    beyond = np.full(len(points), -np.inf)
+    for out in np.stack([np.cos(angle), np.sin(angle)], axis=1):
+        np.maximum(beyond, points @ out - (corners @ out).max(), out=beyond)
+    return beyond

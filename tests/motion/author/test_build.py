@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from core.errors import InputError
-from motion.author.cli import CHOREOGRAPHIES, CLIPS, build_clip, main
-from motion.clip import load_clip
+from motion.author.cli import CHOREOGRAPHIES, CLIPS, build_clip, choreography_names, choreography_of, main
+from motion.author.stand import stand_pose
+from motion.author.targets import body_targets
+from motion.clip import Clip, load_clip
 from robot.robot import Robot
 from world.model import compile_model
 
 SHORT = """
-fps: 50
+fps: 25
 keys:
   - {at_s: 0.0}
   - {at_s: 0.6, hold: all}
@@ -40,16 +42,30 @@ def test_rebuilding_gives_the_bundled_clip(robot: Robot):
     np.testing.assert_array_equal(built.contact, bundled.contact)
 
 
-def test_building_twice_gives_the_same_bits(robot: Robot, tmp_path: Path):
-    path = written(tmp_path, "arms: {hand_m: [0.3, 0.2, 0.1]}")
-    assert build_clip(path, robot).sha256 == build_clip(path, robot).sha256
+def test_every_choreography_asks_for_the_contacts_of_the_bundled_clip(robot: Robot):
+    stand = stand_pose(robot)
+    for name in choreography_names():
+        targets = body_targets(choreography_of(CHOREOGRAPHIES / f"{name}.yaml", stand), stand)
+        np.testing.assert_array_equal(targets.contact, load_clip(CLIPS / f"{name}.npz").contact)
 
 
-def test_hand_goes_where_the_key_says(robot: Robot, tmp_path: Path):
-    clip = build_clip(written(tmp_path, "arms: {hand_m: [0.3, 0.2, 0.1], swivel_rad: 0.4}"), robot)
+@pytest.fixture(scope="module")
+def reaching(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("reaching"), "arms: {hand_m: [0.3, 0.2, 0.1], swivel_rad: 0.4}")
+
+
+@pytest.fixture(scope="module")
+def reached(robot: Robot, reaching: Path) -> Clip:
+    return build_clip(reaching, robot)
+
+
+def test_hand_goes_where_the_key_says(robot: Robot, reached: Clip):
+    frame = 40  # at 1.6 s
     model = compile_model(robot, timestep_s=0.02)
     data = mujoco.MjData(model)
-    data.qpos[:] = np.concatenate([clip.root_pos_w[80], clip.root_quat_wxyz[80], clip.joint_pos_rad[80]])
+    data.qpos[:] = np.concatenate(
+        [reached.root_pos_w[frame], reached.root_quat_wxyz[frame], reached.joint_pos_rad[frame]]
+    )
     mujoco.mj_kinematics(model, data)
     torso = data.body("torso_link")
     for side, y in (("left", 0.2), ("right", -0.2)):
@@ -112,10 +128,14 @@ def test_a_wrong_file_is_one_error_naming_it(robot: Robot, tmp_path: Path, text:
         assert word in str(error.value)
 
 
-def test_command_writes_the_clip(tmp_path: Path, capsys: pytest.CaptureFixture):
-    assert main(["stand", "--out", str(tmp_path)]) == 0
-    assert load_clip(tmp_path / "stand.npz").duration_s == 20.0
-    assert capsys.readouterr().out.startswith("stand: 20 s")
+def test_command_writes_the_named_clip_with_the_same_bits(
+    reaching: Path, reached: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr("motion.author.cli.CHOREOGRAPHIES", reaching.parent)
+    assert main([reaching.stem, "--out", str(tmp_path)]) == 0
+    built = load_clip(tmp_path / "short.npz")
+    assert built.duration_s == 3.4 and built.sha256 == reached.sha256
+    assert capsys.readouterr().out.startswith("short: 3.4 s")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,9 @@ import pytest
 from motion.cli import check, listing, view
 from motion.clip import save_clip
 from motion.library import bundled_names
+from tests.robot.toy import TOY_YAML
+
+ON_TOY = ("--robot", str(TOY_YAML))  # whose few joints are soon drawn
 
 
 @pytest.fixture(autouse=True)
@@ -69,12 +72,12 @@ def test_clips_that_there_are(standing_clip, tmp_path, capsys):
     assert "motions/bad.npz" in told.err and "motions/mine/mine.npz" in told.out
 
 
-def test_a_clip_as_a_video(standing_clip, tmp_path, capsys):
-    save_clip(standing_clip(4, fps=10.0), tmp_path / "still.npz")
-    assert view.main(["still.npz"]) == 0
+def test_a_clip_as_a_video(toy_clip, tmp_path, capsys):
+    save_clip(toy_clip(4, fps=10.0), tmp_path / "still.npz")
+    assert view.main(["still.npz", *ON_TOY]) == 0
     with av.open(str(tmp_path / "still.mp4")) as video:
         assert len(list(video.decode(video=0))) == 4
-    assert view.main(["still.npz", "--video", "other.mp4"]) == 0
+    assert view.main(["still.npz", "--video", "other.mp4", *ON_TOY]) == 0
     assert (tmp_path / "other.mp4").is_file()
     assert capsys.readouterr().out == "video: still.mp4\nvideo: other.mp4\n"
 
@@ -96,11 +99,11 @@ def test_what_cannot_be_viewed(options, message, capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["folder.mp4"]
 
 
-def test_the_page_of_a_clip_holds_the_video_and_the_plots(standing_clip, tmp_path, monkeypatch):
-    save_clip(standing_clip(3, fps=10.0, source="<here>"), tmp_path / "still.npz")
+def test_the_page_of_a_clip_holds_the_video_and_the_plots(toy_clip, tmp_path, monkeypatch):
+    save_clip(toy_clip(3, fps=10.0, source="<here>"), tmp_path / "still.npz")
     served = []
     monkeypatch.setattr("motion.cli.view.serve", lambda page: served.append(page.decode()))
-    assert view.main(["still.npz", "--web"]) == 0
+    assert view.main(["still.npz", "--web", *ON_TOY]) == 0
     (text,) = served
     assert text.count("data:image/png;base64,") == 3 and text.count("data:video/mp4;base64,") == 1
     assert "&lt;here&gt;" in text

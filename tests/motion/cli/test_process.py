@@ -28,7 +28,7 @@ def light(monkeypatch, tmp_path):
 
 @pytest.fixture
 def no_page(monkeypatch):
-    monkeypatch.setattr("motion.cli.process.report_page", lambda record: f"page of {record.name}")
+    monkeypatch.setattr("motion.report.page.report_page", lambda record: f"page of {record.name}")
 
 
 def held(folder):
@@ -41,7 +41,7 @@ def floating(standing_clip, num_frames=61):
     )
 
 
-def test_a_clip_with_its_report(standing_clip, tmp_path, capsys):
+def test_a_clip_with_its_report(standing_clip, tmp_path, no_page, capsys):
     save_clip(standing_clip(), tmp_path / "still.npz")
     assert main(["--input", str(tmp_path / "still.npz")]) == 0
     folder = tmp_path / "motions" / "still"
@@ -51,8 +51,7 @@ def test_a_clip_with_its_report(standing_clip, tmp_path, capsys):
     content = (tmp_path / "still.npz").read_bytes()
     assert told["input"]["file"] == "still.npz" and told["input"]["sha256"] == hashlib.sha256(content).hexdigest()
     assert told["clip"]["sha256"] == load_clip(folder / "still.npz").sha256
-    for name in ("report.html", "report.json"):
-        assert str(tmp_path) not in (folder / name).read_text()
+    assert (folder / "report.html").read_text() == "page of still"
     said = capsys.readouterr().out.splitlines()
     assert all(line.startswith("still: ") for line in said) and said[-1] == "still: trackable, motions/still"
 
@@ -124,11 +123,16 @@ def test_results_are_replaced_and_other_things_are_not(standing_clip, tmp_path, 
 def test_one_bad_input_of_several_stops_nobody(standing_clip, tmp_path, capfd):
     save_clip(standing_clip(), "good.npz")
     (tmp_path / "bad.csv").write_text("hello")
-    assert main(["--input", "bad.csv", "good.npz", "--input", "missing.bvh", "--jobs", "2", "--output", "out"]) == 2
+    good = str(tmp_path / "good.npz")
+    assert main(["--input", "bad.csv", good, "--input", "missing.bvh", "--jobs", "2", "--output", "out"]) == 2
     results = ["good", "good/good.npz", "good/report.html", "good/report.json"]
     assert held(tmp_path / "out") == ["clips.yaml", *results]
     told = capfd.readouterr()
     assert told.err.count("error: ") == 2 and "good: trackable" in told.out
+    page = (tmp_path / "out" / "good" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 6
+    for text in (page, (tmp_path / "out" / "good" / "report.json").read_text()):
+        assert str(tmp_path) not in text
 
 
 @pytest.mark.parametrize(

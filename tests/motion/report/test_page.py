@@ -29,8 +29,8 @@ def pictures_of(seen: Seen) -> dict[str, np.ndarray]:
     return {name: matplotlib.image.imread(io.BytesIO(base64.b64decode(source))) for name, source in sources.items()}
 
 
-def test_the_page_holds_everything_and_needs_nothing(standing_clip, record_of):
-    text = report_page(record_of(standing_clip()))
+def test_the_page_holds_everything_and_needs_nothing(toy_clip, toy, record_of):
+    text = report_page(record_of(toy_clip(), robot=toy))
     seen = Seen(text)
     assert seen.balanced
     heads = re.findall(r"<h2>(.*?)</h2>", text)

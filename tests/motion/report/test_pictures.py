@@ -52,18 +52,18 @@ def test_shaded_frames_are_those_that_fail(waving_clip):
     assert 0.15 < share(failing) < 0.35  # a third of the time axis, which is most of the picture
 
 
-def test_violations_are_marked_in_the_plots(waving_clip, standing_clip, robot):
-    knee = robot.joint_names.index("left_knee_joint")
-    beyond = waving_clip.joint_pos_rad.copy()
-    beyond[10:20, knee] = robot.pos_upper_rad[knee] + 0.3
-    calm, wild = (trace_clip(clip, robot) for clip in (waving_clip, standing_clip(joint_pos_rad=beyond)))
+def test_violations_are_marked_in_the_plots(toy_clip, toy):
+    hip = toy.joint_names.index("left_hip")
+    beyond = toy_clip().joint_pos_rad.copy()
+    beyond[10:20, hip] = toy.pos_upper_rad[hip] + 0.3
+    calm, wild = (trace_clip(clip, toy) for clip in (toy_clip(), toy_clip(joint_pos_rad=beyond)))
     assert wild.position_violations.sum() == 10 and wild.speed_violations.sum() == 2
 
     def red(png):  # limits are dashed in the same colour
         return (np.abs(pixels(png) - np.array([214, 39, 40]) / 255.0) < 0.02).all(axis=-1).sum()
 
     for plot, dots in ((figures.joint_angles, 10), (figures.joint_speeds, 2)):
-        assert red(plot(wild, robot)) >= red(plot(calm, robot)) + 2 * dots
+        assert red(plot(wild, toy)) >= red(plot(calm, toy)) + 2 * dots
 
 
 def test_the_cursor_stands_where_the_time_is():
