@@ -2,6 +2,7 @@
 
 import io
 import json
+from functools import cache
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from train.runner import Runner
 SMALL = ("learner.actor_hidden=[32,32]", "learner.critic_hidden=[32,32]", "precision=fp32", "threads=1", "num_envs=16")
 
 
+@cache
 def small_config(*overrides):
     return check(compose_document(["motion=none", "train=paper", *SMALL, *overrides]))
 
