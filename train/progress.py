@@ -55,7 +55,7 @@ class TrainingProgress:
         refresh: Callable[[Sequence[Mapping[str, Any]]], None] | None = None,
     ) -> None:
         self._run_dir, self._console, self._refresh = run_dir, console or sys.stdout, refresh
-        self._is_refreshed, self._save_s = False, 0.0
+        self._is_refreshed, self._save_s, self._drawn_rows = False, 0.0, -1
         path = run_dir / METRICS_FILE
         self.rows = read_rows(path, start_iteration)
         write_whole(path, "".join(json.dumps(row) + "\n" for row in self.rows).encode())
@@ -99,7 +99,9 @@ class TrainingProgress:
 
     def draw_curves(self) -> None:
         """Leave curves.png of all rows, and nothing to refresh until it is half a minute old."""
-        draw_curves(self.rows, self._run_dir / CURVES_FILE)
+        if len(self.rows) != self._drawn_rows:
+            draw_curves(self.rows, self._run_dir / CURVES_FILE)
+            self._drawn_rows = len(self.rows)
         self._drawn_s, self._is_refreshed = time.monotonic(), True
 
     def close(self) -> None:

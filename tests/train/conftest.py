@@ -1,5 +1,6 @@
 """What whole runs leave out where they are not about it."""
 
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,3 +28,12 @@ def lightly(*, pictures: bool = False) -> Iterator[None]:
 def light() -> Iterator[None]:
     with lightly():
         yield
+
+
+@pytest.fixture
+def signal_handlers() -> Iterator[None]:
+    """Afterwards those from before are back."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)

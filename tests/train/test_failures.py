@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from tests.train.worlds import CONSTANT, small_env
+from train.mdp import failures
 from train.mdp.failures import BIN_TICKS, FailureRates
 from train.mdp.settings import StartSettings
 from train.mdp.starts import MIN_WEIGHT, StartSampler
@@ -52,12 +53,12 @@ def test_the_environment_counts_failures_in_the_half_second_where_they_happen(er
     assert logs[-1]["survival_chance"] == pytest.approx(expected, rel=1e-3, abs=1e-12)
 
 
-def failing_at(rates: FailureRates, last_tick: int, hard: Sequence[int], share: float) -> None:
-    """Robots spread over ticks 1 to last_tick, again and again, of which ``share`` fail in each of the hard ticks."""
+def failing_at(rates: FailureRates, last_tick: int, hard: Sequence[int], share: float, times: int = 600) -> None:
+    """Robots spread over ticks 1 to last_tick, so many times, of which ``share`` fail in each of the hard ticks."""
     tick = torch.arange(1, last_tick + 1).repeat(20)
     nth = torch.arange(len(tick)) // last_tick
     failed = torch.isin(tick, torch.tensor(list(hard))) & (nth < 20 * share)
-    for _ in range(3000):
+    for _ in range(times):
         rates.update(torch.zeros_like(tick), tick, failed)
 
 
@@ -65,7 +66,8 @@ def test_the_chance_to_survive_is_a_product_over_the_clip_wherever_robots_are():
     rates = FailureRates(torch.tensor([200]))
     failing_at(rates, 200, range(151, 161), share=0.05)
     assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
-    failing_at(rates, 100, range(0), share=0.0)  # they stay in the first two seconds: nothing new of the rest
+    # They stay in the first two seconds: nothing new of the rest, however long.
+    failing_at(rates, 100, range(0), share=0.0, times=3000)
     assert rates.survival().item() == pytest.approx((1 - 0.05 * 10 / 25) ** 25, rel=1e-3)
 
 
@@ -81,10 +83,12 @@ def test_the_chance_is_that_of_five_seconds_however_long_the_clip():
     assert short.survival().item() == pytest.approx(0.2774, abs=2e-3)  # all of it: it is no easier for being short
 
 
-def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning():
+def test_where_no_robot_ever_comes_the_chance_stays_that_of_the_beginning(monkeypatch):
+    """A short memory is empty, to the last bit of a number in single precision, after a thousand steps."""
+    monkeypatch.setattr(failures, "MEMORY", 0.9)
     rates = FailureRates(torch.tensor([50]))
     tick = torch.arange(1, 26)
-    for _ in range(25_000):
+    for _ in range(1200):
         rates.update(torch.zeros_like(tick), tick, torch.zeros(25, dtype=torch.bool))
     assert rates.survival().item() == pytest.approx(0.9**25, rel=1e-3)
 

@@ -96,7 +96,7 @@ def test_only_the_critic_learns_at_first():
 def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, light):
     """Held still, the actor that comes out is the one that went in, and says so."""
     short = [
-        f"motion={beginning_of('stand', 2.0, tmp_path)}", "train=window", "num_envs=4", "learner.horizon=4",
+        f"motion={beginning_of('stand', 0.6, tmp_path)}", "train=window", "num_envs=4", "learner.horizon=4",
         "learner.exploration.steps=2", "threads=1",
     ]  # fmt: skip
     first, second = tmp_path / "first", tmp_path / "second"

@@ -1,6 +1,5 @@
 """A training of the real environment, killed with SIGKILL and resumed, equals one that was left alone."""
 
-import json
 import os
 import signal
 import subprocess
@@ -10,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deploy.cli import main as deploy
 from policy.actor import load_actor
 from robot.robot import load_robot
 from tests.train.conftest import lightly
+from tests.train.point_mass_run import rows, same
 from tests.train.worlds import beginning_of
+from train.checkpoint import Checkpoints
 from train.run import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,18 +42,11 @@ def start(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def rows(run_dir: Path) -> list[dict]:
-    lines = (run_dir / "metrics.jsonl").read_text().splitlines()
-    return [{k: v for k, v in json.loads(line).items() if not k.startswith("time/")} for line in lines]
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     whole, killed = folder / "whole", folder / "killed"
     overrides = [f"motion={beginning_of('side_kick', 0.6, folder)}", *OVERRIDES]
-    with lightly():
-        assert main([*overrides, f"run_dir={whole}"]) == 0
     process = start(*overrides, f"run_dir={killed}")
     for line in process.stdout:
         if line.startswith("iteration 3"):
@@ -59,9 +54,9 @@ def runs(tmp_path_factory):
             break
     process.wait(timeout=30)
     assert not (killed / "actor.onnx").exists()
-    resumed = start(f"resume={killed}")
-    said, _ = resumed.communicate(timeout=240)
-    assert resumed.returncode == 0, said
+    with lightly():
+        assert main([f"resume={killed}"]) == 0
+        assert main([*overrides, f"run_dir={whole}"]) == 0
     return whole, killed
 
 
@@ -69,6 +64,12 @@ def test_every_row_of_the_metrics_is_the_same(runs):
     whole, killed = (rows(run) for run in runs)
     assert [row["iteration"] for row in killed] == list(range(1, 6))
     assert killed == whole
+
+
+def test_the_last_checkpoint_is_the_same(runs):
+    whole, killed = (Checkpoints(run).load_newest() for run in runs)
+    assert killed.pop("config") == whole.pop("config") | {"run_dir": str(runs[1])}
+    assert same(killed, whole)
 
 
 def test_both_export_the_same_actor(runs):
@@ -81,10 +82,8 @@ def test_both_export_the_same_actor(runs):
 
 
 @pytest.mark.parametrize("backend", ["mock", "mujoco"])
-def test_the_exported_actor_runs_on(runs, backend):
-    command = [sys.executable, "-P", str(ROOT / "deploy" / "run"), "--backend", backend, "--start", "reference"]
-    process = subprocess.run(
-        [*command, "--duration", "2", "--policy", str(runs[0] / "actor.onnx")], capture_output=True, text=True, cwd=ROOT
-    )
-    assert process.returncode == 0, process.stderr
-    assert process.stdout.index("TRACKING") < process.stdout.index("damping")
+def test_the_exported_actor_runs_on(runs, capsys, backend):
+    policy = str(runs[0] / "actor.onnx")
+    assert deploy(["--backend", backend, "--start", "reference", "--duration", "2", "--policy", policy]) == 0
+    said = capsys.readouterr().out
+    assert said.index("TRACKING") < said.index("damping")

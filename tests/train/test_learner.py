@@ -225,9 +225,9 @@ def test_same_seed_same_weights_other_seed_other_weights():
 
 
 @pytest.mark.parametrize("value", ["vector", "scalar"])
-def test_learns_to_follow_the_circle(tmp_path, value):
+def test_learns_to_follow_the_circle(tmp_path, light, value):
     easy = ("learner.noise_std=1.0", "learner.gamma=0.95", "learner.learning_rate=3e-3", "learner.kl_target=0.05")
-    runner = make_runner(tmp_path, 60, f"value={value}", *easy, env=PointMassEnv(64), checkpoint_every=1000)
+    runner = make_runner(tmp_path, 40, f"value={value}", *easy, env=PointMassEnv(64), checkpoint_every=1000)
     runner.run()
     rows = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     first, last = (sum(row["reward/position"] for row in part) / 5 for part in (rows[:5], rows[-5:]))

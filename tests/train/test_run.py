@@ -1,11 +1,14 @@
 """train/run.py as people start it: exit codes, one error line, a short real training, resumed."""
 
+import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ from motion.clip import save_clip
 from motion.library import open_motion
 from policy.actor import load_actor
 from robot.robot import load_robot
+from tests.train.conftest import lightly
 from tests.train.point_mass_run import rows
 from tests.train.worlds import beginning_of
 from train import command, session
@@ -25,7 +29,7 @@ pytestmark = pytest.mark.usefixtures("light")
 
 RUN = Path(__file__).parents[2] / "train" / "run.py"
 SHORT = (
-    "motion=stand", "train=last_mile", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "seed=1",
+    "train=last_mile", "num_envs=4", "learner.horizon=4", "learner.exploration.steps=2", "seed=1",
     "threads=1",
 )  # fmt: skip
 
@@ -87,16 +91,27 @@ def test_a_clip_with_nan_or_a_wrong_joint_is_refused(capsys, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    # What ends by itself is judged over the whole clip: one of 20 s takes long.
-    short = [*SHORT, f"motion={beginning_of('stand', 2.0, tmp_path)}"]
-    assert main([*short, "iterations=4", f"run_dir={whole}"]) == 0
-    assert main([*short, "iterations=2", f"run_dir={cut}"]) == 0
-    assert main([f"resume={cut}", "iterations=4"]) == 0
-    assert rows(whole) == rows(cut) and len(rows(whole)) == 4
-    told = capsys.readouterr().out
-    assert "completed after 4 iterations" in told
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Options of a short run: what ends by itself is judged over the whole clip, and one of 20 s takes long."""
+    return [*SHORT, f"motion={beginning_of('stand', 0.6, tmp_path_factory.mktemp('clip'))}"]
+
+
+@pytest.fixture(scope="module")
+def whole(short, tmp_path_factory):
+    """The folder of a run of three iterations, and what it said."""
+    run_dir, said = tmp_path_factory.mktemp("runs") / "whole", io.StringIO()
+    with lightly(), redirect_stdout(said):
+        assert main([*short, "iterations=3", f"run_dir={run_dir}"]) == 0
+    return run_dir, said.getvalue()
+
+
+def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path, short, whole):
+    (whole, told), cut = whole, tmp_path / "cut"
+    assert main([*short, "iterations=1", f"run_dir={cut}"]) == 0
+    assert main([f"resume={cut}", "iterations=3"]) == 0
+    assert rows(whole) == rows(cut) and len(rows(whole)) == 3
+    assert "completed after 3 iterations" in told and "completed after 3 iterations" in capsys.readouterr().out
     assert -1 < told.find("forces: the ground can supply the whole motion") < told.find("iteration 1 ")
     summaries = [json.loads((run / "summary.json").read_text()) for run in (whole, cut)]
     plain = [{k: v for k, v in s.items() if not k.startswith("time/")} for s in summaries]
@@ -105,7 +120,7 @@ def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
     actors = [load_actor(run / "actor.onnx", load_robot()) for run in (whole, cut)]
     obs = {"actor_obs": np.linspace(-1, 1, actors[0].session.get_inputs()[0].shape[1], dtype=np.float32)}
     np.testing.assert_array_equal(actors[0].infer(obs).action, actors[1].infer(obs).action)
-    assert plain[0]["samples"] == plain[1]["samples"] == 64
+    assert plain[0]["samples"] == plain[1]["samples"] == 48
     assert actors[0].spec.motion.name == "stand"
     names = {"actor.onnx", "checkpoints", "config.yaml", "curves.png", "metrics.jsonl", "motion.npz", "summary.json"}
     assert {entry.name for entry in whole.iterdir()} == names | {"report.html", "tensorboard"}
@@ -113,12 +128,11 @@ def test_trains_exports_and_resumes_to_the_same_numbers(capsys, tmp_path):
     assert f"resume={whole} goes on with it" in capsys.readouterr().err
 
 
-def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path, tmp_path_factory):
+def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path, short):
     run_dir = tmp_path / "run"
-    clip = beginning_of("stand", 2.0, tmp_path_factory.mktemp("clip"))
     # As from a background shell: SIGINT is ignored in what the process inherits.
     ignoring = 'trap "" INT; exec "$0" "$@"'
-    options = [*SHORT[1:], f"motion={clip}", "iterations=100000", f"run_dir={run_dir}"]
+    options = [*short, "iterations=100000", f"run_dir={run_dir}"]
     command = ["sh", "-c", ignoring, sys.executable, "-P", str(RUN), *options]
     environment = {**os.environ, "PYTHONPATH": str(RUN.parents[1])}
     process = subprocess.Popen(
@@ -139,20 +153,17 @@ def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path,
     assert [entry.name for entry in tmp_path.iterdir()] == ["run"]
 
 
-def test_a_run_whose_last_mile_has_begun_is_not_trained_on(capsys, tmp_path):
-    run_dir = tmp_path / "run"
-    clip = beginning_of("stand", 2.0, tmp_path)
-    assert main([*SHORT, f"motion={clip}", "iterations=1", f"run_dir={run_dir}"]) == 0
+def test_a_run_whose_last_mile_has_begun_is_not_trained_on(capsys, tmp_path, whole):
+    run_dir = Path(shutil.copytree(whole[0], tmp_path / "run"))
     state = Checkpoints(run_dir).load_newest()
     state["config"] |= {"last_mile": "ppo"}
-    Checkpoints(run_dir).save(2, state)
+    Checkpoints(run_dir).save(4, state)
     (run_dir / "last_mile" / "checkpoints").mkdir(parents=True)
-    capsys.readouterr()
-    assert f"{run_dir / 'last_mile'}" in failed(capsys, f"resume={run_dir}", "iterations=3")
-    assert len(rows(run_dir)) == 1
+    assert f"{run_dir / 'last_mile'}" in failed(capsys, f"resume={run_dir}", "iterations=5")
+    assert len(rows(run_dir)) == 3
 
 
-def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginning(tmp_path, monkeypatch):
+def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginning(tmp_path, monkeypatch, short):
     """The run is complete by then; what was asked for still holds."""
 
     def interrupted(report):
@@ -161,12 +172,11 @@ def test_a_stop_during_the_last_words_of_a_run_keeps_its_last_mile_from_beginnin
 
     monkeypatch.setattr(session.TrainingReport, "finish", interrupted)
     monkeypatch.setattr(command, "_last_mile", lambda setup: pytest.fail("it began"))
-    clip = beginning_of("stand", 2.0, tmp_path)
-    assert main([*SHORT, f"motion={clip}", "iterations=1", "last_mile=ppo", f"run_dir={tmp_path / 'run'}"]) == 0
+    assert main([*short, "iterations=1", "last_mile=ppo", f"run_dir={tmp_path / 'run'}"]) == 0
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == "completed"
 
 
-def test_nan_is_exit_1_with_a_dump_that_can_be_replayed(capsys, tmp_path, monkeypatch):
+def test_nan_is_exit_1_with_a_dump_that_can_be_replayed(capsys, tmp_path, monkeypatch, short):
     built = session.build_learner
 
     def poisoned(*arguments):
@@ -178,7 +188,7 @@ def test_nan_is_exit_1_with_a_dump_that_can_be_replayed(capsys, tmp_path, monkey
 
     monkeypatch.setattr(session, "build_learner", poisoned)
     run_dir = tmp_path / "run"
-    assert main([*SHORT, "iterations=4", f"run_dir={run_dir}"]) == 1
+    assert main([*short, "iterations=4", f"run_dir={run_dir}"]) == 1
     lines = capsys.readouterr().err.splitlines()
     dump = run_dir / "nan_dump_00000001.pt"
     expected = "error: iteration 1: actions: NaN or infinity in environment 0, 1, 2, 3; to see it again: train/run.py "

@@ -2,62 +2,18 @@
 
 import os
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
+from core.signals import StopRequest
 from tests.train.point_mass import PointMassEnv
-from tests.train.point_mass_run import make_runner, rows
+from tests.train.point_mass_run import make_runner, rows, same
 from train.checkpoint import Checkpoints, load_state
 from train.hooks import EvaluationHook, Hook
 from train.nan_guard import NonFiniteError, replay
 
 pytestmark = pytest.mark.usefixtures("light")
-
-REPOSITORY = Path(__file__).parents[2]
-
-
-def same(a, b):
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a if key != "wall_s")
-    if isinstance(a, list | tuple):
-        return len(a) == len(b) and all(map(same, a, b))
-    return torch.equal(a, b) if isinstance(a, torch.Tensor) else bool(np.all(a == b))
-
-
-def spawn(run_dir, iterations, *more):
-    command = [sys.executable, str(Path(__file__).parent / "point_mass_run.py"), str(run_dir), str(iterations), *more]
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
-
-
-def wait_for_rows(run_dir, count, process):
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and process.poll() is None:
-        if (run_dir / "metrics.jsonl").exists() and len((run_dir / "metrics.jsonl").read_text().splitlines()) >= count:
-            return
-        time.sleep(0.01)
-    raise AssertionError("the run did not get there")
-
-
-def test_killed_and_resumed_equals_uninterrupted(tmp_path):
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    process = spawn(cut, 10_000)
-    wait_for_rows(cut, 13, process)
-    process.kill()
-    process.wait()
-    killed_after = Checkpoints(cut).load_newest()["iteration"]
-    assert killed_after >= 5
-    make_runner(cut, killed_after + 7, resume=True).run()
-    make_runner(whole, killed_after + 7).run()
-    assert [row["iteration"] for row in rows(cut)] == list(range(1, killed_after + 8))
-    assert rows(cut) == rows(whole)
-    assert same(Checkpoints(cut).load_newest(), Checkpoints(whole).load_newest())
 
 
 def test_resumed_state_is_bit_exact(tmp_path):
@@ -81,16 +37,25 @@ def test_saves_when_five_minutes_would_pass(tmp_path, monkeypatch):
     assert [path.name for path in Checkpoints(tmp_path).paths()] == ["iteration_00000002.pt", "iteration_00000003.pt"]
 
 
+class SignalledEnv(PointMassEnv):
+    """Its process gets a signal in the middle of the third iteration of 24 steps."""
+
+    def __init__(self, number):
+        super().__init__()
+        self.number = number
+
+    def step(self, actions):
+        if self.steps == 60:
+            os.kill(os.getpid(), self.number)
+        return super().step(actions)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_and_ends_in_order(tmp_path, number):
-    process = spawn(tmp_path, 10_000)
-    wait_for_rows(tmp_path, 3, process)
-    process.send_signal(number)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    outcome, iteration = out.split()
-    assert outcome == "stopped"
-    assert Checkpoints(tmp_path).load_newest()["iteration"] == int(iteration) == rows(tmp_path)[-1]["iteration"]
+def test_a_signal_saves_and_ends_in_order(tmp_path, signal_handlers, number):
+    stop = StopRequest()
+    runner = make_runner(tmp_path, 10_000, env=SignalledEnv(number), should_stop=lambda: stop.asked)
+    assert runner.run() == "stopped"
+    assert Checkpoints(tmp_path).load_newest()["iteration"] == runner.iteration == rows(tmp_path)[-1]["iteration"] == 3
 
 
 def test_ends_after_the_minutes(tmp_path):

@@ -2,6 +2,7 @@
 
 import torch
 
+from train.interface import width
 from train.mdp.critic_terms import CRITIC_TERMS, CriticView
 from train.mdp.observations import Observations
 from train.mdp.physics import Physics
@@ -27,6 +28,8 @@ class Critic:
 
     def view(self, state: EnvState, rows: torch.Tensor) -> torch.Tensor:
         """What the critic sees (n, Dc) of the robots ``rows`` (n,)."""
+        if self.layout and not len(rows):
+            return torch.zeros(0, width(self.layout), device=rows.device)  # nobody's episode has ended: most steps
         view = CriticView(
             history=state.critic_history[rows],
             ahead=self._observations.ahead(state.actor_history[rows, 0]),

@@ -40,11 +40,12 @@ class TrainingReport:
         self._run_dir = run_dir
         self._record = TrainingRecord(run_dir.name, [], document, machine=machine)
         self._preset = nearest_preset(document)
+        self._drawn: tuple[Any, list[Drawing]] = None, []  # of which rows and evaluations, and the figures
 
     def refresh(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the report of a run that goes on, with the rows of its iterations so far."""
         record = replace(self._record, rows=rows, dumps=find_dumps(self._run_dir))
-        self._write(record, no_video(NOT_YET), _drawn(record))
+        self._write(record, no_video(NOT_YET), self._figures(record))
 
     def finish(self, film_budget_s: float = FILM_BUDGET_S) -> Path:
         """Write the report of a run that has ended, from its folder; return the file.
@@ -54,17 +55,20 @@ class TrainingReport:
         """
         record = read_record(self._run_dir)
         record = replace(record, machine=record.machine or self._record.machine)
-        drawn = _drawn(record)
+        drawn = self._figures(record)
         self._write(record, no_video("it was not waited for"), drawn)
         self._write(record, _film(self._run_dir, record.document, film_budget_s), drawn)
         return self._run_dir / REPORT_FILE
 
+    def _figures(self, record: TrainingRecord) -> list[Drawing]:
+        """Drawn anew where something was added since the last time."""
+        shown = len(record.rows), record.evaluations
+        if self._drawn[0] != shown:
+            self._drawn = shown, draw(record.rows, record.evaluations)
+        return self._drawn[1]
+
     def _write(self, record: TrainingRecord, film_section: str, drawn: Sequence[Drawing]) -> None:
         write_whole(self._run_dir / REPORT_FILE, page(record, self._preset, film_section, drawn).encode())
-
-
-def _drawn(record: TrainingRecord) -> list[Drawing]:
-    return draw(record.rows, record.evaluations)
 
 
 def story(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> dict[str, Any]:
