@@ -7,6 +7,7 @@ benchmarks/lowering.py --starts 10 --json F
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -15,14 +16,15 @@ from core.arguments import ArgumentParser, path_argument, positive_count_argumen
 from core.clock import SimulatedClock
 from core.command import guarded
 from core.files import check_output_file, write_json
+from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.cell import Cell
 from deploy.control.states import Mode, Request
 from deploy.episode import place_at_reference
-from deploy.settings import load_settings
+from deploy.settings import DeploySettings, load_settings
 from hal.contract.types import RobotState
 from hal.simulated.mujoco import MujocoBackend
-from robot.robot import load_robot
+from robot.robot import Robot, load_robot
 from world.options import load_sim_options
 
 PERIOD_S = 0.02
@@ -64,10 +66,18 @@ class _HoldThen:
         return (self._ending,) if self._fall.watching else ()
 
 
+@cache
+def _rig() -> tuple[Robot, DeploySettings, ActorRun, ActorRun]:
+    """Robot, settings, and the stand actor twice, as who holds and who is tracked; each start uses them anew."""
+    robot, settings = load_robot(), load_settings()
+    stand, tracked = (load_run("stand", None, robot, settings.entry) for _ in range(2))
+    return robot, settings, stand, tracked
+
+
 def put_down(seed: int, ending: Request) -> Fall:
     """Stand for 1 to 3 s from a start that the seed draws, then end as asked, in the default simulation."""
-    rng, robot, settings, fall = np.random.default_rng(seed), load_robot(), load_settings(), Fall()
-    stand, tracked = (load_run("stand", None, robot, settings.entry) for _ in range(2))
+    rng, fall = np.random.default_rng(seed), Fall()
+    robot, settings, stand, tracked = _rig()
     clock, options = SimulatedClock(), load_sim_options("default")
     backend = MujocoBackend(robot, clock, options, control_period_s=PERIOD_S, gantry=False, rng=rng)
     cell = Cell(robot, settings, [tracked], stand)

@@ -170,12 +170,12 @@ class Plant:
         force_w = np.zeros((2, 3))
         wrench = np.zeros(6)
         contact = self.data.contact
-        bodies = self.model.geom_bodyid[contact.geom]
+        bodies, frames = self.model.geom_bodyid[contact.geom], contact.frame.reshape(-1, 3, 3)
         for i, pair in enumerate(bodies.tolist()):
             for body, sign in zip(pair, (-1.0, 1.0)):
                 if (side := self._foot_of_body.get(body)) is not None:
                     mujoco.mj_contactForce(self.model, self.data, i, wrench)
-                    force_w[side] += sign * (contact.frame[i].reshape(3, 3).T @ wrench[:3])
+                    force_w[side] += sign * (frames[i].T @ wrench[:3])
         return force_w
 
     def _apply(self) -> None:

@@ -58,10 +58,10 @@ def run(actors, *options, policy="clip.onnx"):
     return subprocess.run(call, capture_output=True, text=True, timeout=60, env=ENVIRONMENT, stdin=subprocess.DEVNULL)
 
 
-def run_here(actors, capsys, *options):
+def run_here(actors, capsys, *options, policy="clip.onnx"):
     """In this process: the same entry point, without a start of Python."""
-    code = main(command(actors, *map(str, options))[3:])
-    return code, capsys.readouterr().out
+    code = main(command(actors, *map(str, options), policy=policy)[3:])
+    return code, capsys.readouterr()
 
 
 def state_lines(text):
@@ -100,11 +100,12 @@ def test_mock_knows_no_world(actors, tmp_path, capsys):
     assert unknown == {"eg_mpbpe_mm", "empbve_mm", "empbae_mm", "contact_error"}
 
 
-def test_a_fall_trips_damps_and_is_exit_code_3(actors, tmp_path):
+def test_a_fall_trips_damps_and_is_exit_code_3(actors, tmp_path, capsys):
     """An actor that does nothing does not balance."""
-    done = run(actors, "--backend", "mujoco", "--start", "reference", "--json", tmp_path / "r.json", policy="long.onnx")
-    assert done.returncode == 3 and "fault: tilt: " in done.stderr and "Traceback" not in done.stderr
-    assert state_lines(done.stdout) == ["TRACKING", "damping"]
+    options = ("--backend", "mujoco", "--start", "reference", "--json", tmp_path / "r.json")
+    code, said = run_here(actors, capsys, *options, policy="long.onnx")
+    assert code == 3 and "fault: tilt: " in said.err and "Traceback" not in said.err
+    assert state_lines(said.out) == ["TRACKING", "damping"]
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["outcome"] == "tripped" and result["fault"].startswith("tilt: ")
 
@@ -125,8 +126,8 @@ def test_dry_run_stops_after_preflight(actors):
 
 
 def test_duration_ends_it(actors, capsys):
-    code, out = run_here(actors, capsys, "--backend", "mock", "--duration", "1.0")
-    assert code == 0 and state_lines(out)[-1] == "damping" and "outcome completed" in out
+    code, said = run_here(actors, capsys, "--backend", "mock", "--duration", "1.0")
+    assert code == 0 and state_lines(said.out)[-1] == "damping" and "outcome completed" in said.out
 
 
 BAD = [

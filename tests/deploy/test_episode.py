@@ -1,4 +1,4 @@
-"""Episodes as the evaluation plays them; the authors' released actor against its published scores."""
+"""Episodes as the evaluation plays them; from the first frame, from the gantry, to a fall."""
 
 from dataclasses import replace
 
@@ -80,33 +80,6 @@ def test_a_trip_ends_an_episode_where_limits_only_report_as_well(stand):
         result = run_episode(stage, np.random.default_rng(0), start_noise_rad=0.02)
     assert (result.outcome, result.fell, result.steps) == ("tripped", True, 3)  # 0.06 s
     assert score_of(result, ROBOT, None).ended == "tilt"
-
-
-REFERENCE = {
-    "eg_mpbpe_mm": (80.2, 0.25),
-    "empbpe_mm": (23.6, 0.25),
-    "empjpe_mrad": (479.0, 0.08),
-    "empjve_mrad": (51.7, 0.08),
-    "empbve_mm": (2.89, 0.08),
-    "empbae_mm": (1.23, 0.08),
-}
-
-
-@needs_shared_data
-def test_the_released_actor_scores_within_its_reference():
-    """12 noisy starts; the independent evaluator's means."""
-    folder = SHARED / "pbhc"
-    policy = folder / "actor_horse_stance_pose" / "model_50000.onnx"
-    actor = load_run(policy, folder / "Horse-stance_pose.pkl", ROBOT, SETTINGS.entry)
-    assert actor.num_ticks == 348
-    clock, model = SimulatedClock(), SHARED / "robot" / "g1_23dof_reference.xml"
-    with open_backend("mujoco", ROBOT, clock, sim="reference", sim_model=model, gantry=False) as backend:
-        stage = rig(backend, clock, actor, report_only=True)
-        results = [run_episode(stage, np.random.default_rng(seed), start_noise_rad=0.02) for seed in range(1, 13)]
-    assert not any(result.fell for result in results)
-    assert {result.outcome for result in results} == {"completed"}
-    for name, (mean, share) in REFERENCE.items():
-        assert np.mean([result.metrics[name] for result in results]) == pytest.approx(mean, rel=share), name
 
 
 @needs_shared_data

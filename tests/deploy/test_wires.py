@@ -1,5 +1,6 @@
 """deploy/run on a wire: who may start, what a dry run writes, what is recorded. The wire's driver is a fake."""
 
+import contextlib
 import json
 import math
 import os
@@ -10,7 +11,7 @@ import termios
 import threading
 import time
 from dataclasses import fields, replace
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import pytest
 import yaml
@@ -18,13 +19,14 @@ from mcap.reader import make_reader
 
 import deploy.session
 import hal.open
+from core.clock import SimulatedClock
 from core.config import config_file
 from core.errors import InputError
 from deploy.cli import main
 from deploy.dry_run_record import DAY_S, DryRunRecord, require_records
 from deploy.operator.far_end import ASK, WELL
 from deploy.options import RunOptions
-from deploy.preflight import Check
+from hal.simulated.mock import MockBackend, MockOptions
 from hal.verification.record import VerifiedRecord
 from hal.wire.backend import WireBackend
 from tests.deploy.toys import write_standing_actor
@@ -69,6 +71,47 @@ def rig(tmp_path, monkeypatch):
     return run
 
 
+class Journalled(MockBackend):
+    """What the fake's process does to its device and notes of it, without the process."""
+
+    def __init__(self, robot, clock, period_s, journal):
+        super().__init__(robot, clock, MockOptions(0.2, 0.1, 35.0), control_period_s=period_s)
+        self._journal = journal
+
+    def note(self, event):
+        with self._journal.open("a") as file:
+            file.write(f"{self.clock.now_s()} {event} 0 0 0\n")
+
+    def open(self):
+        self.note("identify")
+        identities = {"left_knee_joint": KNEE_SERIAL}
+        if "FAKE_WIRE_SERIAL" in os.environ:
+            identities["bus fake"] = os.environ["FAKE_WIRE_SERIAL"]
+        return replace(super().open(), identities=identities)
+
+    def write(self, command):
+        self.note("TRACK")
+        super().write(command)
+
+    def close(self):
+        if self._is_open:
+            self.note("close")
+        super().close()
+
+
+@pytest.fixture
+def no_wire(rig, monkeypatch):
+    """Runs of a real wire with the device in this process, in simulated time: here it matters who may start."""
+
+    def open_backend(name, robot, clock, *, control_period_s, **others):
+        return Journalled(robot, clock, control_period_s, rig.folder / "journal")
+
+    monkeypatch.setattr("deploy.session.open_backend", open_backend)
+    monkeypatch.setattr("deploy.session.MonotonicClock", SimulatedClock)
+    monkeypatch.setattr("deploy.session.realtime", lambda say: contextlib.nullcontext())
+    monkeypatch.setattr("deploy.dry_run.time", SimpleNamespace(perf_counter=lambda: 0.0))
+
+
 def events(rig):
     return [row[1] for row in read_journal(rig.folder / "journal")]
 
@@ -85,7 +128,7 @@ def test_a_dry_run_reads_infers_writes_nothing_and_is_recorded(rig, capsys):
     assert json.loads(record.read_text())["valid_for"]["policy"] == result["policy_sha256"]
 
 
-def test_the_first_run_needs_a_passed_dry_run(rig, capsys):
+def test_the_first_run_needs_a_passed_dry_run(rig, no_wire, capsys):
     assert rig("--duration", 0.2) == 2
     error = capsys.readouterr().err
     assert "no dry run has passed" in error and "--dry-run" in error and events(rig) == []
@@ -96,7 +139,7 @@ def test_the_first_run_needs_a_passed_dry_run(rig, capsys):
     assert rig("--duration", 0.2) == 2
 
 
-def test_a_robot_that_nobody_has_verified_is_refused(rig, capsys):
+def test_a_robot_that_nobody_has_verified_is_refused(rig, no_wire, capsys):
     """By which motor it is another; --first-run-ok and a dry run, which moves nothing, go on all the same."""
     assert rig("--dry-run") == 0
     assert rig("--duration", 0.2) == 0
@@ -228,8 +271,9 @@ def test_a_log_holds_the_remote_the_wires_counters_and_the_wall_clock(rig, monke
     assert last["unix_s"] - first["unix_s"] == pytest.approx(1e-9 * (last_ns - first_ns), abs=0.2)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("phase", ["opening", "preflight"])
+@pytest.mark.parametrize(
+    ("phase", "number"), [("opening", signal.SIGTERM), ("preflight", signal.SIGINT), ("preflight", signal.SIGHUP)]
+)
 def test_a_signal_before_anything_is_energised_stops_within_5_s(rig, capsys, monkeypatch, number, phase):
     how = {"identify_s": 60.0} if phase == "opening" else {"mute": True}
     monkeypatch.setenv("FAKE_WIRE", json.dumps(how))
@@ -294,12 +338,6 @@ def test_start_noise_is_for_the_emulator():
     RunOptions("can", ("taichi",), emulate=True, start_noise_rad=0.02).check()
 
 
-@pytest.fixture
-def rehearsal(monkeypatch):
-    """A dry run that passes at once, however busy the machine is: here its record is what matters."""
-    monkeypatch.setattr(deploy.session, "dry_run", lambda *parts: [Check("dry run", True, "not held")])
-
-
 def changed_stand(rig):
     write_standing_actor(rig.folder / "stand.onnx", name="another_stand")
 
@@ -310,14 +348,14 @@ def changed_settings(rig):
 
 
 @pytest.mark.parametrize(("change", "what"), [(changed_stand, "stand"), (changed_settings, "settings")])
-def test_a_dry_run_with_another_stand_or_other_thresholds_does_not_hold(rig, rehearsal, capsys, change, what):
+def test_a_dry_run_with_another_stand_or_other_thresholds_does_not_hold(rig, no_wire, capsys, change, what):
     assert rig("--dry-run") == 0 and rig("--duration", 0.2) == 0
     change(rig)
     assert rig("--duration", 0.2) == 2
     assert f"since the dry run that passed, these changed: {what}; run the same" in capsys.readouterr().err
 
 
-def test_a_dry_run_of_another_robot_does_not_hold(rig, rehearsal, capsys, monkeypatch):
+def test_a_dry_run_of_another_robot_does_not_hold(rig, no_wire, capsys, monkeypatch):
     """The same files and the same code; only the numbers that the makers gave the motors differ."""
     monkeypatch.setenv("FAKE_WIRE_SERIAL", "motor 1")
     rig.verify(KNEE_SERIAL, {"bus fake": "motor 1"})

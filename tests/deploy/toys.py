@@ -1,7 +1,9 @@
 """Actors that are one matrix, a device that says what it is told to say, and a clock in its hands."""
 
 import sys
+from copy import copy
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,7 @@ SIZE = 3 + 3 + JOINTS + 1
 COLUMNS = {"base_ang_vel": 0, "projected_gravity": 3}
 GRAVITY_X, GRAVITY_Y, GRAVITY_Z = 3, 4, 5
 HALF_RATE_S = 0.035
+READ: dict[tuple, ActorRun] = {}
 PHASE = SIZE - 1
 BALANCE = {
     (term, index, f"{side}_ankle_{axis}_joint"): weight
@@ -131,8 +134,18 @@ def write_standing_actor(path: Path, seconds: float = 1.0, name: str = "toy_stan
 
 
 def linear_run(folder: Path, weights=None, *, seconds: float = 1.0, pose_rad=None, name: str = "toy") -> ActorRun:
-    path = write_linear_actor(folder / f"{name}.onnx", weights, seconds=seconds, pose_rad=pose_rad, name=name)
-    return load_run(path, None, ROBOT, SETTINGS.entry)
+    """A run of its own. Of each kind the first one's file is written and read; actor and clip never change."""
+    kind = (*(weights or {}).items(), seconds, None if pose_rad is None else pose_rad.tobytes(), name)
+    if kind not in READ:
+        path = write_linear_actor(folder / f"{name}.onnx", weights, seconds=seconds, pose_rad=pose_rad, name=name)
+        READ[kind] = load_run(path, None, ROBOT, SETTINGS.entry)
+    return ActorRun(READ[kind].actor, ROBOT, SETTINGS.entry, copy(READ[kind].goals))
+
+
+@cache
+def bundled_run(name: str) -> ActorRun:
+    """A bundled actor with its own clip, read once: whoever starts it begins anew."""
+    return load_run(name, None, ROBOT, SETTINGS.entry)
 
 
 def tilted(angle_rad: float) -> np.ndarray:

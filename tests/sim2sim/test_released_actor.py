@@ -41,7 +41,9 @@ def test_twelve_noisy_starts_score_as_published() -> None:
 
 @needs_shared_data
 def test_the_exact_start_scores_as_published() -> None:
-    scores = released().play(0, 0).scores
+    episode = released().play(0, 0)
+    scores = episode.scores
+    assert len(episode.qpos) == 348
     assert scores["empjpe_mrad"] == pytest.approx(475.6, rel=0.02)
     assert scores["empjve_mrad"] == pytest.approx(51.4, rel=0.02)
 

@@ -43,6 +43,12 @@ def stand(folder):
     return standing_run(folder)
 
 
+@pytest.fixture(scope="module")
+def loaded(folder):
+    """The goal actor with the bundled clip of standing, read once. Each test makes its own run of it."""
+    return load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry)
+
+
 @pytest.fixture
 def guard(stand):
     return PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
@@ -120,15 +126,14 @@ def test_a_point_goes_on_and_slows_down(guard):
     assert guard.values[0, 2] == pytest.approx(1.5) and guard.ahead(np.array([0.34]))[0, 0, 2] == 1.5
 
 
-def test_points_are_above_the_floor_wherever_that_is(folder, stand):
+def test_points_are_above_the_floor_wherever_that_is(loaded, stand):
     """On a floor 1 m lower, the actor sees the same numbers."""
     low, seen = stand.goals.setting, []
     moved = {name: getattr(low, name) - [0.0, 0.0, 1.0] for name in ("root_pos_w", "body_pos_w")}
     for standing in (low, replace(low, scene=Scene(floor_m=-1.0), **moved)):
         hand, points = Hand(), PointGuard(SETTINGS.goals, ROBOT, standing)
         goal = SteerGoal("udp", hand, standing, GoalGuard(SETTINGS.goals, PERIOD_S), points)
-        actor = load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor
-        run = ActorRun(actor, ROBOT, SETTINGS.entry, goal)
+        run = ActorRun(loaded.actor, ROBOT, SETTINGS.entry, goal)
         run.start()
         hand.steer = Steer(0.2, 0.0, 0.1, points=HANDS_OUT)
         seen.append([run.act(state()).observation["obs"] for _ in range(30)])
@@ -217,20 +222,19 @@ def yaw(reference, tick):
     return 2.0 * math.atan2(reference.root_quat_wxyz[tick, 3], reference.root_quat_wxyz[tick, 0])
 
 
-def runs_of(folder, stand, port, reference, kind):
+def runs_of(loaded, stand, port, reference, kind):
     """The same actor behind the clip source and behind datagrams."""
-    run = load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry, kind)
-    clip = ClipGoal("it", run.clip, reference, run.start_pose_rad, kind)
+    clip = ClipGoal("it", loaded.clip, reference, loaded.start_pose_rad, kind)
     points = PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
     udp = SteerGoal("udp", port, stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
-    runs = [ActorRun(run.actor, ROBOT, SETTINGS.entry, goal) for goal in (clip, udp)]
+    runs = [ActorRun(loaded.actor, ROBOT, SETTINGS.entry, goal) for goal in (clip, udp)]
     for one in runs:
         one.start()
     return runs
 
 
-def seen_by_both(folder, stand, port, sender, reference, kind, ticks, settle=0):
-    by_clip, by_udp = runs_of(folder, stand, port, reference, kind)
+def seen_by_both(loaded, stand, port, sender, reference, kind, ticks, settle=0):
+    by_clip, by_udp = runs_of(loaded, stand, port, reference, kind)
     for tick in range(ticks):
         said(sender, reference, tick, kind)
         pose = state(imu_quat_wxyz=turn_about_z(1.1 + yaw(reference, tick) - yaw(reference, 0)))
@@ -242,7 +246,7 @@ def seen_by_both(folder, stand, port, sender, reference, kind, ticks, settle=0):
 @pytest.mark.parametrize("kind", ["vr3", "reach"])
 @pytest.mark.parametrize(("speed_m_s", "turn_rad_s"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.5), (0.4, 0.5)])
 def test_the_points_of_a_clip_by_datagrams_are_what_the_clip_shows(
-    folder, stand, port, sender, kind, speed_m_s, turn_rad_s
+    loaded, stand, port, sender, kind, speed_m_s, turn_rad_s
 ):
     """Every number that the actor sees of the goal, at all ticks ahead, once the guard has come after the first jump.
 
@@ -250,18 +254,20 @@ def test_the_points_of_a_clip_by_datagrams_are_what_the_clip_shows(
     """
     reference = walking(stand.goals.setting, 150, speed_m_s, turn_rad_s)
     goal = slice(column("reference_joint_error").start, None)
-    for by_clip, by_udp in seen_by_both(folder, stand, port, sender, reference, kind, 100, settle=60):
+    for by_clip, by_udp in seen_by_both(loaded, stand, port, sender, reference, kind, 100, settle=60):
         assert np.abs(by_clip[goal]).max() > 0.2 and by_udp[goal] == pytest.approx(by_clip[goal], abs=3e-6)
     assert port.counts == {"taken": 100, "malformed": 0, "late": 0}
 
 
-def test_a_recorded_clip_by_datagrams_is_seen_a_moment_ahead_and_roughly_farther_on(folder, stand, port, sender):
+def test_a_recorded_clip_by_datagrams_is_seen_a_moment_ahead_and_roughly_farther_on(
+    folder, loaded, stand, port, sender
+):
     """The lookahead is assumed. Mean errors on the bundled `taichi`, 8 s; a hand's way in 17 ticks is the measure."""
     run = load_run(folder / "goals.onnx", "taichi", ROBOT, SETTINGS.entry, "vr3")
     reference = run.reference
     assert np.array_equal(reference.steering, steering_of(reference))
     errors, ways, turns = [], [], []
-    for by_clip, by_udp in seen_by_both(folder, stand, port, sender, reference, "vr3", 400, settle=50):
+    for by_clip, by_udp in seen_by_both(loaded, stand, port, sender, reference, "vr3", 400, settle=50):
         off = {point: (by_udp - by_clip)[column("goal_point", point)].reshape(3, 3) for point in ("left_hand", "head")}
         shown = by_clip[column("goal_point", "left_hand")].reshape(3, 3)
         errors.append([np.linalg.norm(off["left_hand"], axis=1), np.linalg.norm(off["head"], axis=1)])
@@ -287,11 +293,11 @@ def hostile(rng, number):
     return bytes(damaged) if rng.random() < 0.9 else None
 
 
-def test_a_thousand_hostile_datagrams_leave_all_within_ranges_and_rates(folder, stand, port, sender):
+def test_a_thousand_hostile_datagrams_leave_all_within_ranges_and_rates(loaded, stand, port, sender):
     rng = np.random.default_rng(11)
     points = PointGuard(SETTINGS.goals, ROBOT, stand.goals.setting)
     goal = SteerGoal("udp", port, stand.goals.setting, GoalGuard(SETTINGS.goals, PERIOD_S), points)
-    run = ActorRun(load_run(folder / "goals.onnx", "stand", ROBOT, SETTINGS.entry).actor, ROBOT, SETTINGS.entry, goal)
+    run = ActorRun(loaded.actor, ROBOT, SETTINGS.entry, goal)
     run.start()
     # m/s and rad/s; the head's is that of a stop: 0.52 m at most in 0.5 s
     rates, before, moved = np.array([2.5, 2.5, 1.05, 2.5]) * PERIOD_S, points.values, 0

@@ -97,7 +97,7 @@ def test_a_run_says_its_limits_and_a_script_has_to_keep_to_them(actors, tmp_path
     write_goal_actor(actors / "slow.onnx", provenance=SLOW)
     assert read_metadata(actors / "slow.onnx").spec.provenance == SLOW
     for policy, says in (("slow.onnx", "forward -0.10 to 0.60 m/s, left 0.00 to 0.20"), ("goals.onnx", "does not say")):
-        _, said = played(words(actors, "udp:0", policy=policy), capsys)
+        _, said = played(words(actors, "udp:0", "--duration", "0.1", policy=policy), capsys)
         assert sum(line.startswith("steering: ") and says in line for line in said.splitlines()) == 1
     (tmp_path / "back.yaml").write_text("steps: [{for_s: 1.0, forward: -0.3}, {for_s: 1.0}]")
     assert main(words(actors, f"script:{tmp_path / 'back.yaml'}", policy="slow.onnx")) == 2

@@ -1,6 +1,7 @@
 """An actor that follows goals and is one matrix: it balances by its ankles, and shows what it sees in its joints."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from core.clock import SimulatedClock
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.states import Mode
+from deploy.control.states import Mode, Request
 from deploy.goals.guard import GoalGuard, Steer
 from deploy.goals.steering import SteerGoal
 from hal.simulated.mujoco import MujocoBackend
@@ -69,7 +70,7 @@ class Hand:
 
 
 class Stage:
-    """A steered robot in MuJoCo on the gantry's feet, a pilot in the test's hands, and all that was commanded."""
+    """A steered robot in MuJoCo, a pilot in the test's hands, and all that was commanded."""
 
     def __init__(self, folder):
         self.stand, self.hand, self.commands, self.modes = standing_run(folder), Hand(), [], []
@@ -92,8 +93,12 @@ class Stage:
             self.commands.append(result.command)
             self.states.append(state)
 
-    def run(self, plan=None):
+    def run(self, plan=None, seen_enough=lambda: False):
+        """From standing in the gantry, which is then released, until the plan ends or enough was seen."""
         clock = SimulatedClock()
         plan, options = plan or self.cell.unattended(), load_sim_options("default")
+        watcher = SimpleNamespace(poll=lambda: (Request.QUIT,) if seen_enough() else ())
         with MujocoBackend(ROBOT, clock, options, control_period_s=PERIOD_S, gantry=True) as backend:
-            self.cell.loop(backend, clock, plan=plan, observers=[self], duration_s=60.0).run()
+            self.cell.machine._activate(self.stand, Mode.READY)
+            how = {"plan": plan, "operators": [watcher], "observers": [self], "duration_s": 60.0}
+            self.cell.loop(backend, clock, **how).run()

@@ -15,6 +15,12 @@ from world.model import compile_model
 av = pytest.importorskip("av")
 
 
+@pytest.fixture(autouse=True)
+def draw_in_software(monkeypatch):
+    """The same everywhere, and quicker than looking for a driver."""
+    monkeypatch.setenv("KATA_RENDERER", "software")
+
+
 def filmed(tmp_path, ticks, name="run.mp4"):
     run = linear_run(tmp_path, seconds=0.4)
     machine = StateMachine(ROBOT, None, [run], SETTINGS, PERIOD_S)
@@ -48,13 +54,13 @@ def test_stopped_leaves_no_file(tmp_path):
     film, _, _ = filmed(tmp_path, 6)
     answers = iter([False, True])
     assert not film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: next(answers))
-    assert [path.suffix for path in tmp_path.iterdir()] == [".onnx"]
+    assert {path.suffix for path in tmp_path.iterdir()} <= {".onnx"}
 
 
 def test_nothing_seen_leaves_no_file(tmp_path):
     film, _, _ = filmed(tmp_path, 1)
     assert not film.draw(compile_model(ROBOT, timestep_s=PERIOD_S), lambda: False)
-    assert [path.suffix for path in tmp_path.iterdir()] == [".onnx"]
+    assert {path.suffix for path in tmp_path.iterdir()} <= {".onnx"}
 
 
 def test_the_ghost_is_the_reference_at_this_tick(tmp_path):

@@ -17,7 +17,18 @@ from deploy.safety.guard import Guard
 from deploy.safety.rules import Asked, make_sample
 from hal.simulated.mujoco import MujocoBackend
 from motion.reference import build_reference
-from tests.deploy.toys import JOINTS, KNEE, PERIOD_S, ROBOT, SETTINGS, state, still_clip, tilted, with_joint
+from tests.deploy.toys import (
+    JOINTS,
+    KNEE,
+    PERIOD_S,
+    ROBOT,
+    SETTINGS,
+    bundled_run,
+    state,
+    still_clip,
+    tilted,
+    with_joint,
+)
 from world.options import load_sim_options
 
 UP_B = np.array([0.0, 0.0, 1.0])
@@ -111,7 +122,7 @@ def test_a_tick_judges_by_the_actor_that_moves_the_robot():
 
 
 def test_a_bundled_actor_still_trips_when_its_base_is_pushed_over():
-    clock, actor = SimulatedClock(), load_run("taichi", None, ROBOT, SETTINGS.entry)
+    clock, actor = SimulatedClock(), bundled_run("taichi")
     cell = Cell(ROBOT, SETTINGS, [actor])
     with MujocoBackend(ROBOT, clock, load_sim_options("default"), gantry=False, scene=actor.scene) as backend:
         place_at_reference(backend, actor, 0.0, np.random.default_rng(0))

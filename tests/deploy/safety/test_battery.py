@@ -45,7 +45,7 @@ def test_a_battery_beyond_its_levels_ends_the_clip_in_hold_after_three_seconds(t
     trial.seconds(1, Request.START)
     assert trial.seconds(2.9, **battery).mode is Mode.TRACKING and trial.result.warning is None
     assert trial.seconds(0.2, **battery).mode is Mode.HOLD and trial.result.warning == says
-    assert trial.seconds(60, **battery).mode is Mode.HOLD and trial.result.fault is None
+    assert trial.seconds(10, **battery).mode is Mode.HOLD and trial.result.fault is None
 
 
 @pytest.mark.parametrize("battery", [{"charge": 0.09}, {"supply": 0.79}, {"supply_high": 1.21}])

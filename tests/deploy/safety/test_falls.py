@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.actors import load_run
 from deploy.cell import Cell
 from deploy.control.states import Request
 from deploy.episode import place_at_reference
-from tests.deploy.toys import ROBOT, SETTINGS, LateBackend
+from tests.deploy.toys import ROBOT, SETTINGS, LateBackend, bundled_run
 from world.options import load_sim_options
 
 LOW_M = 0.45
@@ -41,7 +40,7 @@ class Kicked:
 
 def kick(name, at_tick, velocity_xy, late=False):
     clock = SimulatedClock()
-    actor = load_run(name, None, ROBOT, SETTINGS.entry)
+    actor = bundled_run(name)
     cell = Cell(ROBOT, SETTINGS, [actor])
     with LateBackend(ROBOT, clock, load_sim_options("default"), gantry=False, scene=actor.scene) as backend:
         place_at_reference(backend, actor, 0.0, np.random.default_rng(0))

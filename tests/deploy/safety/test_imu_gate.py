@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.actors import load_run
 from deploy.cell import Cell
 from deploy.episode import place_at_reference
 from deploy.safety.guard import Guard
 from deploy.safety.rules import make_sample
 from hal.simulated.mujoco import MujocoBackend
-from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, tilted
+from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, bundled_run, state, tilted
 from world.options import load_sim_options
 
 UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
@@ -161,7 +160,7 @@ class LyingImu(MujocoBackend):
 
 @pytest.mark.parametrize("wrong", [WRONG["upside down"], WRONG["a gyro at its full scale"]], ids=["quaternion", "gyro"])
 def test_standing_goes_on_through_them(wrong):
-    clock, actor = SimulatedClock(), load_run("stand", None, ROBOT, SETTINGS.entry)
+    clock, actor = SimulatedClock(), bundled_run("stand")
     cell = Cell(ROBOT, SETTINGS, [actor])
     with LyingImu(ROBOT, clock, load_sim_options("default"), gantry=False) as backend:
         place_at_reference(backend, actor, 0.0, np.random.default_rng(0))

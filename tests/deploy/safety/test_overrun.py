@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.actors import load_run
 from deploy.cell import Cell
 from deploy.control.states import Mode
 from deploy.episode import place_at_reference
@@ -12,7 +11,7 @@ from deploy.safety.guard import Guard
 from deploy.safety.rules import make_sample
 from hal.simulated.faults import MockFault
 from hal.simulated.mock import MockBackend, MockOptions
-from tests.deploy.toys import HALF_RATE_S, PERIOD_S, ROBOT, SETTINGS, LateBackend, linear_run, state
+from tests.deploy.toys import HALF_RATE_S, PERIOD_S, ROBOT, SETTINGS, LateBackend, bundled_run, linear_run, state
 from world.options import load_sim_options
 
 
@@ -81,7 +80,7 @@ def test_mock_at_half_its_rate(tmp_path):
 def test_mujoco_at_half_its_rate(name):
     """Unstopped, the robot falls after 5.9 s (side_kick) and 10.2 s (charleston)."""
     clock = SimulatedClock()
-    actor = load_run(name, None, ROBOT, SETTINGS.entry)
+    actor = bundled_run(name)
     cell = Cell(ROBOT, SETTINGS, [actor])
     height_m = []
     with LateBackend(ROBOT, clock, load_sim_options("default"), gantry=False) as backend:
