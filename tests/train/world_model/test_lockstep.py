@@ -10,7 +10,7 @@ import torch
 from tests.train.world_model.small import WARM_UP, going_on, iterate, saved, small
 
 ROUNDS = 5  # iterations: two rounds, and half of one
-AT = {"collecting": 3, "fitting": WARM_UP, "between rounds": WARM_UP + 2, "within a round": WARM_UP + 3}
+AT = {"collecting": WARM_UP - 1, "fitted": WARM_UP, "between rounds": WARM_UP + 2, "within a round": WARM_UP + 3}
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def is_alive(pid: int) -> bool:
     return state != "Z"
 
 
-@pytest.mark.parametrize("at", ["fitting", "within a round"])
+@pytest.mark.parametrize("at", ["before a round", "within a round"])
 def test_who_learns_the_policy_is_missed_when_it_has_ended(alone, at):
     """Be it before a round, or with one under way."""
     env, learner, observations = going_on(alone[2][WARM_UP], "world_model.processes=2")
