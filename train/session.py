@@ -14,11 +14,10 @@ from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import load_clip, save_clip
 from motion.envelope import TRAINED_ON, envelope_of
-from motion.reference import Reference
-from motion.residual_wrench import demand_of, friction_needed, residual_wrench
+from motion.residual_wrench import Demand, residual_wrench
 from motion.steering import STEERED_ON, steering_range
 from policy.observation import asks_for
-from robot.robot import Robot, load_robot
+from robot.robot import load_robot
 from train.checkpoint import Checkpoints, read_state
 from train.companion import write_companion
 from train.config import check, fingerprint, to_yaml
@@ -128,14 +127,13 @@ def replay_dump(path: Path) -> str:
 
 def told_before(setup: Setup) -> list[str]:
     """What is known of the clips before anything is learnt."""
-    one = [] if setup.clips else feasibility(setup.robot, setup.references[setup.config.motion_name])
+    one = [] if setup.clips else feasibility(setup.demands[0], setup.friction_needed)
     return [*one, *friction_floor(setup)]
 
 
-def feasibility(robot: Robot, reference: Reference) -> list[str]:
-    """What the ground can give of the motion, in words: a line, and one more where no robot can do it on its own."""
-    demand = demand_of(robot, reference)
-    residual, friction = residual_wrench(demand), friction_needed([demand])
+def feasibility(demand: Demand, friction: float) -> list[str]:
+    """What the ground can give of a motion, in words: a line, and one more where no robot can do it on its own."""
+    residual = residual_wrench(demand)
     lines = [f"forces: {residual}; friction needed: {friction:.2f}"]
     seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in residual.impossible_spans_s())
     if seconds:

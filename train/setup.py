@@ -16,7 +16,7 @@ from motion.clip import Clip, load_clip
 from motion.clip_set import NamedClip, open_clip_set
 from motion.library import open_motion
 from motion.reference import Reference, build_reference
-from motion.residual_wrench import demand_of, friction_needed
+from motion.residual_wrench import Demand, demand_of, friction_needed
 from robot.robot import Robot, load_robot
 from train.checkpoint import Checkpoints
 from train.config import TrainConfig, check, with_budget
@@ -53,14 +53,18 @@ class Setup:
         return references
 
     @cached_property
+    def demands(self) -> list[Demand]:
+        """What each reference asks of the ground."""
+        return [demand_of(self.robot, reference) for reference in self.references.values()]
+
+    @cached_property
     def friction_needed(self) -> float:
         """The friction without which the ground cannot supply what a clip asks for.
 
         Of several clips it supplies nine half seconds of ten: a robot meets them all, and one hard moment of one of
         them must not take every slippery floor from the others.
         """
-        demands = [demand_of(self.robot, reference) for reference in self.references.values()]
-        return friction_needed(demands, 1.0 if len(demands) == 1 else SHARE_SUPPLIED)
+        return friction_needed(self.demands, 1.0 if len(self.demands) == 1 else SHARE_SUPPLIED)
 
     @property
     def followable(self) -> TrainConfig:

@@ -106,10 +106,11 @@ def test_a_cell_holds_a_figure_a_seed(benchmark):
     assert benchmark.cell(runs, "empjpe_mrad") == "250 / 250"
 
 
-def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(tmp_path):
-    one = ("--variants", "adaptive", "--seeds", "1", "--iterations", "7")
-    result = _run("--motion", "no_such", *one, "--folder", tmp_path / "out")
-    assert result.returncode == 1 and f"{tmp_path}/out/pbhc_no_such_7/*.log" in result.stderr
+def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(benchmark, tmp_path, monkeypatch, capsys):
+    one = ["--variants", "adaptive", "--seeds", "1", "--iterations", "7"]
+    monkeypatch.setattr(sys, "argv", ["ablations.py", "--motion", "no_such", *one, "--folder", str(tmp_path / "out")])
+    assert benchmark.main() == 1
+    assert f"{tmp_path}/out/pbhc_no_such_7/*.log" in capsys.readouterr().err
     assert "no_such" in (tmp_path / "out" / "pbhc_no_such_7" / "adaptive_1.log").read_text()
 
 

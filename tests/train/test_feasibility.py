@@ -7,6 +7,7 @@ import pytest
 
 from motion.clip import Clip, save_clip
 from motion.reference import build_reference
+from motion.residual_wrench import demand_of, friction_needed
 from tests.train.worlds import g1, swaying_clip
 from train.config import compose_document
 from train.session import environment_of, feasibility, friction_floor
@@ -14,21 +15,24 @@ from train.setup import new_setup
 from train.simulation.domain import DomainRanges
 
 
+def told(clip: Clip) -> list[str]:
+    demand = demand_of(g1(), build_reference(clip, g1()))
+    return feasibility(demand, friction_needed([demand]))
+
+
 def test_a_clip_that_can_be_done_is_told_in_one_line():
-    robot = g1()
-    (line,) = feasibility(robot, build_reference(swaying_clip(robot, 1.0), robot))
+    (line,) = told(swaying_clip(g1(), 1.0))
     assert line.startswith("forces: the ground can supply the whole motion") and "friction needed: 0." in line
 
 
 def test_the_seconds_that_no_robot_can_do_are_named():
     """From 1 s on the robot hangs in the air at rest."""
-    robot = g1()
-    clip = swaying_clip(robot, 2.0)
+    clip = swaying_clip(g1(), 2.0)
     air = np.arange(clip.num_frames) >= 50
     clip = replace(
         clip, contact=np.where(air[:, None], 0.0, clip.contact), root_pos_w=clip.root_pos_w + np.array([0.0, 0.0, 0.1])
     )
-    line, warning = feasibility(robot, build_reference(clip, robot))
+    line, warning = told(clip)
     assert "the ground cannot supply" in line and " 327" in line  # m g
     assert warning.startswith("warning: no robot can do 1.0 to 2.0 s of the clip on its own") and "--start" in warning
 

@@ -14,6 +14,7 @@ import torch
 from core.errors import InputError
 
 PR_SET_PDEATHSIG = 1
+ENDED = "the process that learns the policy has ended"
 END_S = 30.0  # a call that is under way is waited for so long
 
 
@@ -21,7 +22,7 @@ class Partner(Protocol):
     """Calls methods of an object; only one call is under way at a time."""
 
     def begin(self, method: str, *arguments: Any) -> None:
-        """Begin a call. Arguments and results are copied, but for what was shared before."""
+        """Begin a call. Arguments and results are copied, but for what was shared before. RuntimeError as below."""
         ...
 
     def finish(self) -> Any:
@@ -67,14 +68,17 @@ class Beside:
 
     def begin(self, method: str, *arguments: Any) -> None:
         """See :class:`Partner`."""
-        self._pipe.send((method, arguments))
+        try:
+            self._pipe.send((method, arguments))
+        except OSError as error:
+            raise RuntimeError(ENDED) from error
 
     def finish(self) -> Any:
         """See :class:`Partner`."""
         try:
             failed, result = self._pipe.recv()
         except (EOFError, OSError) as error:
-            raise RuntimeError("the process that learns the policy has ended") from error
+            raise RuntimeError(ENDED) from error
         if isinstance(result, InputError):
             raise result
         if failed:

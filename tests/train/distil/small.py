@@ -1,5 +1,7 @@
 """A distillation so small that an iteration takes a moment: eight robots on one short bundled clip, fp32."""
 
+from functools import cache
+
 import torch
 
 from motion.library import open_motion
@@ -21,9 +23,17 @@ SMALL = [
 def small(*overrides: str):
     """Environment and learner of SMALL with further overrides."""
     torch.set_num_threads(1)
-    config = check(compose_document([*SMALL, *overrides]))
-    robot = load_robot()
-    reference = build_reference(open_motion("side_kick", robot), robot, CONTROL_PERIOD_S)
+    config, reference, robot = _config(overrides), _reference(), load_robot()
     env = build_environment(config.environment, robot, reference, num_envs=config.num_envs, seed=config.seed, threads=1)
     teacher = find_source("tracker", robot, config.environment.teacher_group(), where="teacher")
     return env, build_distil_learner(config, robot, teacher.networks["actor"])
+
+
+@cache
+def _config(overrides):
+    return check(compose_document([*SMALL, *overrides]))
+
+
+@cache
+def _reference():
+    return build_reference(open_motion("side_kick", load_robot()), load_robot(), CONTROL_PERIOD_S)

@@ -112,7 +112,7 @@ def train(student, env, observations, iterations):
 
 def test_who_acts_recovers_the_teacher():
     student, env = learner(prior=1.0), Plane()
-    _, rows = train(student, env, env.reset(), 120)
+    _, rows = train(student, env, env.reset(), 80)
     assert torch.allclose(student.weights["mlp.output.weight"], GAIN, atol=0.02)
     assert rows[-1]["distil/action"] < 1e-3 * rows[0]["distil/action"]
     assert (rows[0]["acts/prior"], rows[0]["acts/teacher"]) == (1.0, 0.0)
@@ -121,7 +121,7 @@ def test_who_acts_recovers_the_teacher():
 def test_who_only_looks_on_learns_nothing_of_where_the_teacher_never_is():
     student, env = learner(teacher=1.0), Plane()
     before = student.weights["mlp.output.weight"].clone()
-    train(student, env, env.reset(), 120)
+    train(student, env, env.reset(), 80)
     learnt = student.weights["mlp.output.weight"]
     assert torch.allclose(learnt[:, 0], GAIN[:, 0], atol=0.02)
     assert torch.equal(learnt[:, 1], before[:, 1])

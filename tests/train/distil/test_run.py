@@ -14,6 +14,7 @@ from policy.metadata import read_metadata
 from sim2sim.cli import main as evaluate
 from tests.train.conftest import lightly
 from tests.train.distil.small import SMALL
+from tests.train.worlds import beginning_of
 from train.command import execute
 
 
@@ -36,12 +37,12 @@ def rows(run_dir: Path) -> list[dict]:
 def runs(tmp_path_factory):
     """One that was left alone, and one that was interrupted after two iterations, its teacher gone by then."""
     folder = tmp_path_factory.mktemp("distil")
-    teacher = folder / "teacher.onnx"
+    teacher, motion = folder / "teacher.onnx", f"motion={beginning_of('side_kick', 1.0, folder)}"
     with lightly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("train.session.NoisyStartEvaluator", Judge)
         for name, iterations in (("whole", 6), ("interrupted", 2)):
             teacher.write_bytes(resolve_actor("tracker").read_bytes())
-            told = [*SMALL, "checkpoint_every=1", f"teacher={teacher}", f"run_dir={folder / name}"]
+            told = [motion, *SMALL[1:], "checkpoint_every=1", f"teacher={teacher}", f"run_dir={folder / name}"]
             execute([*told, f"iterations={iterations}"])
             teacher.unlink()
         execute([f"resume={folder / 'interrupted'}", "iterations=6"])

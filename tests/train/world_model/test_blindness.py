@@ -37,7 +37,7 @@ def test_robots_are_described_by_what_they_do():
 
 def test_errors_of_some_steps_are_compared_with_those_of_the_others(monkeypatch):
     env, learner = small("world_model.processes=1")
-    observations, _ = iterate(env, learner, env.reset(), 13)
+    observations, _ = iterate(env, learner, env.reset(), 1)
     seen = {}
 
     def losses(played: Motion, actual: Motion) -> torch.Tensor:

@@ -14,10 +14,13 @@ from train.world_model.state import Motion, unpack
 
 @pytest.fixture(scope="module")
 def parts():
-    """Environment, the policy's learning and the comparison after some rounds."""
+    """Environment, the policy's learning and the comparison after two rounds."""
     pushed = "environment.events.push={interval_s: [0.5, 1.0], params: {velocity_m_s: 0.6}}"  # so that some are lost
-    env, learner = small("world_model.processes=1", "environment.termination.max_episode_s=1.0", pushed)
-    iterate(env, learner, env.reset(), 40)
+    env, learner = small(
+        "world_model.processes=1", "environment.termination.max_episode_s=1.0", pushed, "world_model.round=1",
+        "world_model.collect.steps=75", "world_model.collect.redraw_every=2",
+    )  # fmt: skip
+    iterate(env, learner, env.reset(), 3)  # warm-up and two rounds, as many steps as are compared
     side = learner._partner._target
     side._ring.next, side._ring.count = learner.ring.next, learner.ring.count
     return env, side._learning, side._comparison

@@ -5,17 +5,19 @@ import torch
 
 from robot.robot import load_robot
 from tests.train.test_device import OnTheCpu
-from tests.train.world_model.small import iterate, small
+from tests.train.world_model.small import WARM_UP, iterate, small
 from train.simulation.mujoco_cpu import MujocoCpuSimulator
+from train.world_model import blindness
 
-IN_TURN = ("world_model.processes=1", "train=goals", "iterations=14")
-ITERATIONS = 13  # warm-up, then two rounds
+IN_TURN = ("world_model.processes=1", "train=goals", "world_model.round=1")
+ITERATIONS = WARM_UP + 2  # then two rounds
 
 
 def test_a_learner_makes_no_tensor_on_the_default_device(monkeypatch):
     """The default device here has no numbers: a tensor of it among those of the learner is an error."""
     env, learner = small(*IN_TURN)
     _, wanted = iterate(env, learner, env.reset(), ITERATIONS)
+    monkeypatch.setattr(blindness, "STEPS", 10)
     made = "train.mdp.factory.MujocoCpuSimulator"
     monkeypatch.setattr(made, lambda *a, **k: OnTheCpu(OnTheCpu._on_cpu(lambda: MujocoCpuSimulator(*a, **k))()))
     with torch.device("meta"):

@@ -12,7 +12,7 @@ from policy.action import decode_action
 from policy.attitude import filtered_gravity
 from policy.goals import bits_of
 from robot.robot import load_robot
-from tests.train.world_model.small import iterate, small
+from tests.train.world_model.small import WARM_UP, iterate, small
 from train.mdp.sensing import Sensing
 from train.mdp.tracking import ACTION_CLIP, ACTION_SCALE, CONTROL_PERIOD_S
 from train.simulation.domain import nominal_domain
@@ -34,7 +34,7 @@ QUIET = "environment.sensing.noise={joint_pos_rad: 0.0, joint_vel_rad_s: 0.0, an
 def parts():
     """Environment, learner after some steps without sensor noise, the observations, and the policy's side."""
     env, learner = small("world_model.processes=1", QUIET, *SENSING, OFFSET)
-    observations, _ = iterate(env, learner, env.reset(), 13)
+    observations, _ = iterate(env, learner, env.reset(), WARM_UP + 2)
     learner.act(observations)  # remembers the present moment
     return env, learner, observations, learner._partner._target._learning
 
@@ -153,11 +153,10 @@ def test_the_torque_that_the_model_is_told_is_mujocos(parts):
     assert (share - env.simulator.state().torque_nm / torch.tensor(ROBOT.torque_limit_nm)).abs().max() < 1e-4
 
 
-def test_the_gradient_is_that_of_finite_differences():
+def test_the_gradient_is_that_of_finite_differences(parts):
     """Of the whole imagined cost with the critic's value, along a direction of a layer of the policy."""
-    env, learner = small("world_model.processes=1", QUIET)
-    iterate(env, learner, env.reset(), 13)
-    learning = learner._partner._target._learning
+    env, _, _, learning = parts
+    before = copy.deepcopy(learning.state_dict())
     start = learning._starts.draw(16, env.command.hard())
     weight = learning.policy.network.hidden[0].weight
 
@@ -179,6 +178,7 @@ def test_the_gradient_is_that_of_finite_differences():
         above = float(loss())
         weight -= 2 * step * direction
         below = float(loss())
+    learning.load_state_dict(before)
     assert (above - below) / (2 * step) == pytest.approx(float(gradient.norm()), rel=0.05)
 
 

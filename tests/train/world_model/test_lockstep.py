@@ -7,60 +7,67 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.train.world_model.small import iterate, small
-from train.checkpoint import load_state, save_state
+from tests.train.world_model.small import WARM_UP, going_on, iterate, saved, small
 
-WARM_UP = 12  # iterations of collecting and fitting before the first round
-ROUNDS = 5
+ROUNDS = 5  # iterations: two rounds, and half of one
+AT = {"collecting": WARM_UP - 1, "fitted": WARM_UP, "between rounds": WARM_UP + 2, "within a round": WARM_UP + 3}
 
 
-def run(*overrides, iterations):
-    env, learner = small(*overrides)
-    _, rows = iterate(env, learner, env.reset(), iterations)
-    weights = {name: value.clone() for name, value in learner.weights.items()}
+@pytest.fixture(scope="module")
+def alone():
+    """In one process: the learner after WARM_UP and ROUNDS iterations, their rows, and checkpoints after some."""
+    env, learner = small("world_model.processes=1")
+    observations, rows, checkpoints = env.reset(), [], {}
+    for iteration in range(1, WARM_UP + ROUNDS + 1):
+        observations, (row,) = iterate(env, learner, observations, 1)
+        rows.append(row)
+        if iteration in AT.values():
+            checkpoints[iteration] = saved(env, learner, observations)
+    return learner, rows, checkpoints
+
+
+@pytest.fixture(scope="module")
+def beside():
+    """The same in two processes."""
+    env, learner = small("world_model.processes=2")
+    _, rows = iterate(env, learner, env.reset(), WARM_UP + ROUNDS)
+    yield learner, rows
     learner.close()
-    return rows, weights
 
 
 def same(first, second):
     return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
 
 
-def test_two_processes_give_the_numbers_of_one():
-    alone_rows, alone = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
-    beside_rows, beside = run("world_model.processes=2", iterations=WARM_UP + ROUNDS)
-    assert alone_rows == beside_rows
-    assert same(alone, beside)
-    assert any("imagined/cost" in row for row in alone_rows)
+def test_two_processes_give_the_numbers_of_one(alone, beside):
+    assert beside[1] == alone[1]
+    assert same(beside[0].weights, alone[0].weights)
+    assert sum("imagined/cost" in row for row in alone[1]) == ROUNDS - 1  # from the end of the first round on
 
 
-def test_what_is_foretold_is_told_between_rounds_and_changes_nothing(monkeypatch):
+def test_what_is_foretold_is_told_between_rounds_and_changes_nothing(alone, monkeypatch):
     """By the process of the policy as by this one; SMALL has rounds of two iterations."""
-    quiet, _ = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
+    learner, quiet, checkpoints = alone
     monkeypatch.setattr("train.world_model.learner.COMPARE_ROUNDS", 1)
-    alone, weights = run("world_model.processes=1", iterations=WARM_UP + ROUNDS)
-    beside, others = run("world_model.processes=2", iterations=WARM_UP + ROUNDS)
-    assert alone == beside and same(weights, others)
-    told = [any(name.startswith("foretold/") for name in row) for row in alone]
-    in_rounds = sum("model/window_loss" in row for row in alone)
-    assert sum(told) == in_rounds // 2 > 0 and all(
-        "open_loop/joint_pos_16" in row for row, yes in zip(alone, told) if yes
-    )
-    rest = [{k: v for k, v in row.items() if not k.startswith(("foretold/", "open_loop/"))} for row in alone]
-    assert rest == quiet
-
-
-def test_what_is_judged_within_a_round_stays_as_it_was_handed_over():
-    """Until the round ends, whatever the other process has done by then; SMALL has rounds of two iterations."""
-    judged = []
+    told = []
     for processes in (1, 2):
-        env, learner = small(f"world_model.processes={processes}")
-        iterate(env, learner, env.reset(), WARM_UP + 2)
-        judged.append({name: value.clone() for name, value in learner.weights.items()})
+        env, other, observations = going_on(checkpoints[WARM_UP], f"world_model.processes={processes}")
+        told.append(iterate(env, other, observations, ROUNDS)[1])
+        assert same(other.weights, learner.weights)
+        other.close()
+    assert told[0] == told[1]
+    has = [[any(name.startswith(kind) for name in row) for row in told[0]] for kind in ("foretold/", "open_loop/")]
+    assert has == 2 * [[False, True, False, True, False]] and "open_loop/joint_pos_16" in told[0][1]
+    rest = [{k: v for k, v in row.items() if not k.startswith(("foretold/", "open_loop/"))} for row in told[0]]
+    assert rest == quiet[WARM_UP:]
+
+
+def test_what_is_judged_within_a_round_stays_as_it_was_handed_over(alone, beside):
+    """Until the round ends, whatever the other process has done by then; ROUNDS ends within one."""
+    for learner in (alone[0], beside[0]):
+        judged = {name: value.clone() for name, value in learner.weights.items()}
         newest = learner.state_dict()["average"]["weights"]  # the other process is done
-        assert same(learner.weights, judged[-1]) and not same(newest, judged[-1])
-        learner.close()
-    assert same(*judged)
+        assert same(learner.weights, judged) and not same(newest, judged)
 
 
 def test_what_is_judged_is_in_full_precision_as_it_is_deployed():
@@ -72,19 +79,13 @@ def test_what_is_judged_is_in_full_precision_as_it_is_deployed():
     assert torch.equal(low.actor_with(weights)(seen), full.actor_with(weights)(seen))
 
 
-@pytest.mark.parametrize("at", [3, WARM_UP + 1, WARM_UP + 2], ids=["warm-up", "within a round", "between rounds"])
-def test_a_continued_run_goes_on_to_the_same_numbers(at, tmp_path):
-    env, learner = small("world_model.processes=1")
-    observations, _ = iterate(env, learner, env.reset(), at)
-    saved = save_state({"env": env.state_dict(), "learner": learner.state_dict(), "observations": dict(observations)})
-    _, wanted = iterate(env, learner, observations, ROUNDS)
-
-    env, learner = small("world_model.processes=1")
-    state = load_state(saved, tmp_path)
-    learner.load_state_dict(state["learner"])
-    env.load_state_dict(state["env"])
-    _, rows = iterate(env, learner, state["observations"], ROUNDS)
-    assert rows == wanted
+@pytest.mark.parametrize("at", AT.values(), ids=AT)
+def test_a_continued_run_goes_on_to_the_same_numbers(alone, at):
+    _, rows, checkpoints = alone
+    env, learner, observations = going_on(checkpoints[at], "world_model.processes=1")
+    iterations = min(4, len(rows) - at)
+    _, gone_on = iterate(env, learner, observations, iterations)
+    assert gone_on == rows[at : at + iterations]
 
 
 def test_who_learns_the_policy_ends_with_who_trains():
@@ -116,9 +117,13 @@ def is_alive(pid: int) -> bool:
     return state != "Z"
 
 
-def test_who_learns_the_policy_is_missed_when_it_has_ended():
-    env, learner = small("world_model.processes=2")
-    observations, _ = iterate(env, learner, env.reset(), WARM_UP)
+@pytest.mark.parametrize("at", ["before a round", "within a round"])
+def test_who_learns_the_policy_is_missed_when_it_has_ended(alone, at):
+    """Be it before a round, or with one under way."""
+    env, learner, observations = going_on(alone[2][WARM_UP], "world_model.processes=2")
+    if at == "within a round":
+        observations, _ = iterate(env, learner, observations, 1)
     learner._partner._process.kill()
+    learner._partner._process.join()
     with pytest.raises(RuntimeError, match="process that learns the policy has ended"):
         iterate(env, learner, observations, 2)
