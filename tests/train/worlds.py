@@ -70,6 +70,12 @@ def swaying_reference(robot: Robot, seconds: float = 1.0) -> Reference:
     return build_reference(swaying_clip(robot, seconds), robot)
 
 
+@cache
+def bundled_reference(name: str) -> Reference:
+    """A bundled clip's; read once a process."""
+    return build_reference(open_motion(name, g1()), g1(), CONTROL_PERIOD_S)
+
+
 def settings(**changes: object) -> EnvironmentSettings:
     section = {
         "rewards": REWARDS,

@@ -4,14 +4,12 @@ from functools import cache
 
 import torch
 
-from motion.library import open_motion
-from motion.reference import build_reference
 from robot.robot import load_robot
+from tests.train.worlds import bundled_reference
 from train.config import check, compose_document
 from train.distil.build import build_distil_learner
 from train.lineage import find_source
 from train.mdp.factory import build_environment
-from train.mdp.tracking import CONTROL_PERIOD_S
 
 SMALL = [
     "motion=side_kick", "train=maskedmimic", "precision=fp32", "threads=1", "num_envs=8", "iterations=4",
@@ -23,7 +21,7 @@ SMALL = [
 def small(*overrides: str):
     """Environment and learner of SMALL with further overrides."""
     torch.set_num_threads(1)
-    config, reference, robot = _config(overrides), _reference(), load_robot()
+    config, reference, robot = _config(overrides), bundled_reference("side_kick"), load_robot()
     env = build_environment(config.environment, robot, reference, num_envs=config.num_envs, seed=config.seed, threads=1)
     teacher = find_source("tracker", robot, config.environment.teacher_group(), where="teacher")
     return env, build_distil_learner(config, robot, teacher.networks["actor"])
@@ -32,8 +30,3 @@ def small(*overrides: str):
 @cache
 def _config(overrides):
     return check(compose_document([*SMALL, *overrides]))
-
-
-@cache
-def _reference():
-    return build_reference(open_motion("side_kick", load_robot()), load_robot(), CONTROL_PERIOD_S)

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import torch
 
-from motion.library import open_motion
-from motion.reference import build_reference
 from robot.robot import load_robot
+from tests.train.worlds import bundled_reference
 from train.checkpoint import load_state, save_state
 from train.config import check, compose_document
 from train.mdp.factory import build_environment
-from train.mdp.tracking import CONTROL_PERIOD_S
 from train.world_model.build import build_world_model_learner
 
 SMALL = [
@@ -32,8 +30,8 @@ def small(*overrides: str):
     torch.set_num_threads(1)
     config = _config(overrides)
     env = build_environment(
-        config.environment, load_robot(), _reference(), num_envs=config.num_envs, seed=config.seed, threads=1,
-        device=config.device,
+        config.environment, load_robot(), bundled_reference("side_kick"), num_envs=config.num_envs, seed=config.seed,
+        threads=1, device=config.device,
     )  # fmt: skip
     return env, build_world_model_learner(config, env, load_robot())
 
@@ -41,11 +39,6 @@ def small(*overrides: str):
 @cache
 def _config(overrides):
     return check(compose_document([*SMALL, *overrides]))
-
-
-@cache
-def _reference():
-    return build_reference(open_motion("side_kick", load_robot()), load_robot(), CONTROL_PERIOD_S)
 
 
 def iterate(env, learner, observations, iterations):
