@@ -109,7 +109,10 @@ class Keyboard:
 
     def _only_stops(self, data: bytes) -> Sequence[Request]:
         self._typed = None
-        stops = [KEYS[key] for key in data.decode("utf-8", errors="replace") if KEYS.get(key) in STOPS]
+        text = data.decode("utf-8", errors="replace")
+        if len(text) > 1 and len(set(text)) == 1:  # a key that is held, perhaps with caps lock on
+            text = text.lower()
+        stops = [KEYS[key] for key in text if KEYS.get(key) in STOPS]
         if not stops:
             self._say(f"{len(data)} characters at once: ignored, keys are pressed one at a time")
         return stops

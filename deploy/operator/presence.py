@@ -38,7 +38,7 @@ class Presence:
             self._say(self._warning())
         gone_s = now_s - self._lost_s
         if gone_s >= self._settings.lower_after_s:
-            return (Request.LOWER,)
+            return () if mode is Mode.LOWERING else (Request.LOWER,)
         return (Request.HOLD,) if gone_s >= self._settings.hold_after_s and mode is Mode.TRACKING else ()
 
     def _warning(self) -> str:

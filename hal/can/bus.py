@@ -19,7 +19,7 @@ from hal.can.motor import Motor
 from hal.can.robot_file import RobotFile
 from hal.can.supply import BusSupply
 from hal.can.targets import MotorTargets
-from hal.can.zero_note import forget_note
+from hal.can.zero_note import forget_soon
 from hal.contract.joint_map import JointMap
 from hal.contract.types import DeviceError
 from hal.wire.boards import StateBoard
@@ -177,7 +177,8 @@ class CanBus:
         for motor in self.motors:
             motor.quiet_rounds += 1
             if motor.quiet_rounds == round(SILENT_S / self.period_s) and not motor.codec.keeps_zero:
-                forget_note(self.link.where, motor.codec)
+                motor.zero_void = True
+                forget_soon(self.link.where, motor.codec)
 
     def _send(self, outgoing: Outgoing, asked: Sequence[bool], now_s: float) -> float:
         """Frames for every motor; when the adapter was handed them.
@@ -256,8 +257,7 @@ class CanBus:
 
     def _note_return(self, motor: Motor) -> None:
         """A motor that was silent for so long may have been without power, and not every protocol tells."""
-        silent_s = time.monotonic() - motor.stamp_s
-        if motor.enabled and SILENT_S < silent_s < math.inf:
+        if motor.zero_void or (motor.enabled and SILENT_S < time.monotonic() - motor.stamp_s < math.inf):
             self.latch(motor, "was silent for too long, it may have been without power")
 
     def _publish(self, state: StateBoard) -> None:

@@ -63,6 +63,7 @@ class Motor:
     Values are the motor's own, nan until it has said them, stamped with the monotonic clock. enabled: the host has
     switched it on; switching: it is about to. damped_only: it has shown a fault; nothing but damping is sent until the
     operator acknowledges. quiet_rounds: since it was heard.
+    zero_void: it forgets its zero, and was silent for so long that it may have been without power.
     inbox: what it said last, for conversations. serial: its maker's number; empty: it has none.
     limit_nm: what its joint allows, at its shaft. torque_check: since it was switched on.
     """
@@ -91,6 +92,7 @@ class Motor:
     last: MotorCommand | None = None
     missed: int = 0
     quiet_rounds: int = 0
+    zero_void: bool = False
     serial: str = ""
     latched: set[str] = field(default_factory=set)
     inbox: deque[Message] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))

@@ -4,10 +4,13 @@ A note counts until the computer restarts, or until the motor is silent in a run
 """
 
 import json
+import os
+import threading
 from pathlib import Path
 
 from core.files import write_json
 from hal.can.codec import Codec
+from hal.contract.types import DeviceFault
 
 NOTES = Path(__file__).resolve().parents[2] / "runs" / "zeros"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
@@ -21,7 +24,9 @@ def leave_note(where: str, codec: Codec, mark: float) -> None:
 
 
 def read_note(where: str, codec: Codec) -> float:
-    """The mark; 0 where there is none that counts."""
+    """The mark; 0 where there is none that counts. Raises DeviceFault where this program could not take it back."""
+    if NOTES.exists() and not os.access(NOTES, os.W_OK):
+        raise DeviceFault(f"{NOTES}: cannot be written, so that a lost zero would be forgotten: make it yours")
     try:
         content = json.loads(_path(where, codec).read_text(encoding="utf-8"))
         return float(content["mark"]) if content["boot"] == _boot() else 0.0
@@ -29,9 +34,9 @@ def read_note(where: str, codec: Codec) -> float:
         return 0.0
 
 
-def forget_note(where: str, codec: Codec) -> None:
-    """The motor may have been without power."""
-    _path(where, codec).unlink(missing_ok=True)
+def forget_soon(where: str, codec: Codec) -> None:
+    """The motor may have been without power. A disk may be slow: another thread waits for it."""
+    threading.Thread(target=_path(where, codec).unlink, kwargs={"missing_ok": True}, daemon=True).start()
 
 
 def _path(where: str, codec: Codec) -> Path:

@@ -117,6 +117,12 @@ def test_an_escape_sequence_that_arrives_in_parts_does_nothing(terminal, parts):
         assert typed(keyboard, master, "t", "\x1b[8;24;80", "d") == [Request.START, Request.DAMP]
 
 
+def test_a_stop_that_is_held_is_heard_with_caps_lock_on_too_and_an_arrow_key_is_none(terminal):
+    master, slave = terminal
+    with Keyboard(slave, lambda line: None, Consent(given=True)) as keyboard:
+        assert typed(keyboard, master, "DD", "D", "\x1b[D", "\x1b[", "D") == [Request.DAMP] * 3
+
+
 def test_a_pasted_word_and_a_pipe_are_no_consent(terminal, pipe):
     master, slave = terminal
     consent, said = Consent(), []

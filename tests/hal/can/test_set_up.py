@@ -1,5 +1,6 @@
 """What a motor says of itself against what the robot file says of it, before anything is energised."""
 
+import time
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -82,7 +83,7 @@ def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
 def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_again(
     goes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On while this computer stays on, as after an e-stop that cuts the motors' power; by the operator's word too."""
+    """While this computer stays on, as after an e-stop that cuts the motors' power; they were not even switched on."""
     monkeypatch.setattr(zero_note, "NOTES", tmp_path)
     rig = Rig(robot_file(CUBEMARS))
     one = rig.bus.motors[0]
@@ -94,7 +95,7 @@ def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_agai
     rig.round(98)  # of 100 at 200 Hz, half a second
     rig.faults.clear()
     rig.round(2)
-    bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    assert not one.damped_only and rig.shown == ()
     if goes == "the motor":
         rig.faults.add("silence", ELBOW)
     rig.link.gone = goes == "its adapter"
@@ -103,11 +104,56 @@ def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_agai
             rig.round()
     rig.faults.clear()
     rig.link.gone = False
+    rig.round()
+    rig.bus.mend()
     rig.round(2)
-    with pytest.raises(DeviceFault, match="not zeroed since its power came on or it was last silent"):
-        bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    assert one.damped_only, "so the operator's word checks it anew"
+    assert rig.shown == (f"motor_fault:{ELBOW}: was silent for too long, it may have been without power",)
+    for _ in range(2):
+        with pytest.raises(DeviceFault, match="not zeroed since its power came on or it was last silent"):
+            bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+        rig.round()
+        assert one.damped_only
+    until_s = time.monotonic() + 5.0
+    while list(tmp_path.iterdir()) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    with pytest.raises(DeviceFault, match="not zeroed since its power came on"):  # in the next run too
+        prepared(Rig(robot_file(CUBEMARS)))
     zero_mark.leave_mark(rig.bus, one, CUBEMARS.zero_rad)
+    bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    rig.round(2)
+    assert not one.damped_only and rig.shown == ()
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_mark_in_the_motor_tells_a_power_cut_from_silence(cut) -> None:
+    rig = Rig(robot_file(CYBERGEAR))
+    one = rig.bus.motors[0]
+    rig.motors[0]._shift_rad = 0.0
+    zero_mark.leave_mark(rig.bus, one, CYBERGEAR.zero_rad)
     prepared(rig)
+    rig.begin()
+    rig.faults.add("silence", ELBOW)
+    rig.round(102)
+    rig.faults.clear()
+    if cut:
+        rig.motors[0].power_up(rig.robot.joints())
+    rig.round(2)
+    assert one.damped_only
+    with pytest.raises(DeviceFault, match="not zeroed since") if cut else nullcontext():
+        bring_back(rig.bus, one, rig.file.watchdog_s, on=False)
+    rig.round(2)
+    assert one.damped_only is cut
+
+
+def test_a_note_that_could_not_be_taken_back_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zero_note, "NOTES", tmp_path)
+    rig = Rig(robot_file(CUBEMARS))
+    rig.motors[0]._shift_rad = 0.0
+    zero_mark.leave_mark(rig.bus, rig.bus.motors[0], CUBEMARS.zero_rad)
+    monkeypatch.setattr(zero_note.os, "access", lambda path, mode: False)
+    with pytest.raises(DeviceFault, match="cannot be written, so that a lost zero would be forgotten"):
+        prepared(rig)
 
 
 YAML = """robot: g1_23dof
