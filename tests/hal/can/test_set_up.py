@@ -79,17 +79,22 @@ def test_a_motor_that_forgets_its_zero_is_refused_until_it_was_zeroed(
         prepared(rig)
 
 
+def zeroed(entry) -> Rig:
+    """Its zero is where the file has it, and was found there."""
+    rig = Rig(robot_file(entry))
+    rig.motors[0]._shift_rad = 0.0
+    zero_mark.leave_mark(rig.bus, rig.bus.motors[0], entry.zero_rad)
+    return rig
+
+
 @pytest.mark.parametrize("goes", ["the motor", "its adapter"])
 def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_again(
     goes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While this computer stays on, as after an e-stop that cuts the motors' power; they were not even switched on."""
     monkeypatch.setattr(zero_note, "NOTES", tmp_path)
-    rig = Rig(robot_file(CUBEMARS))
-    one = rig.bus.motors[0]
-    rig.motors[0]._shift_rad = 0.0
-    zero_mark.leave_mark(rig.bus, one, CUBEMARS.zero_rad)
-    prepared(rig)
+    rig = zeroed(CUBEMARS)
+    one = prepared(rig).bus.motors[0]
     rig.begin()
     rig.faults.add("silence", ELBOW)
     rig.round(98)  # of 100 at 200 Hz, half a second
@@ -127,11 +132,8 @@ def test_one_that_was_without_power_in_a_run_is_refused_until_it_was_zeroed_agai
 
 @pytest.mark.parametrize("cut", [False, True])
 def test_a_mark_in_the_motor_tells_a_power_cut_from_silence(cut) -> None:
-    rig = Rig(robot_file(CYBERGEAR))
-    one = rig.bus.motors[0]
-    rig.motors[0]._shift_rad = 0.0
-    zero_mark.leave_mark(rig.bus, one, CYBERGEAR.zero_rad)
-    prepared(rig)
+    rig = zeroed(CYBERGEAR)
+    one = prepared(rig).bus.motors[0]
     rig.begin()
     rig.faults.add("silence", ELBOW)
     rig.round(102)
@@ -148,9 +150,7 @@ def test_a_mark_in_the_motor_tells_a_power_cut_from_silence(cut) -> None:
 
 def test_a_note_that_could_not_be_taken_back_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(zero_note, "NOTES", tmp_path)
-    rig = Rig(robot_file(CUBEMARS))
-    rig.motors[0]._shift_rad = 0.0
-    zero_mark.leave_mark(rig.bus, rig.bus.motors[0], CUBEMARS.zero_rad)
+    rig = zeroed(CUBEMARS)
     monkeypatch.setattr(zero_note.os, "access", lambda path, mode: False)
     with pytest.raises(DeviceFault, match="cannot be written, so that a lost zero would be forgotten"):
         prepared(rig)
