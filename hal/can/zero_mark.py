@@ -1,8 +1,8 @@
 """Whether a motor that forgets its zero without power has been zeroed since its power came on.
 
 Whoever finds the zero leaves a mark that goes with the power: a number in the motor where the protocol has a place for
-one, else a note on this computer. The mark says which zero was found, so that another one
-in the robot file is not taken for it.
+one, else a note on this computer. The mark says which zero was found, so that another one in the robot file is not
+taken for it.
 """
 
 import math
