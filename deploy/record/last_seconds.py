@@ -1,32 +1,40 @@
-"""The last seconds of every run, kept in memory and written when something goes wrong."""
+"""The last seconds of every run, kept by a process of their own and written when something goes wrong."""
 
-import threading
+import contextlib
+import pickle
+import select
+import socket
+import subprocess
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
+from deploy.record.keeper import LARGEST_PACKET, End, Keeping, KeptTick
 from deploy.record.log import complain
-from deploy.record.mcap_file import McapFile
-from deploy.record.messages import Message, TickMessages
+from deploy.record.messages import TickMessages
 from deploy.safety.rules import Fault
 from deploy.settings import RecordSettings
 from hal.contract.types import RobotState
 from robot.robot import Robot
 
 INCIDENTS = Path(__file__).resolve().parents[2] / "runs" / "incidents"
+KEEPER = "from deploy.record.keeper import main; main()"
 AFTER_TRIP_S = 2.0
-BREATH_S = 0.001
+END_LIMIT_S = 20.0
+WAITING_TICKS = 512
 
 
 class LastSeconds:
-    """An observer that keeps the last ticks in memory, and writes them as a log into `folder` 2 s after a trip.
+    """An observer that hands every tick to a keeper. It writes them as a log into `folder` 2 s after a trip, at once
+    where an exception ends the run or the process is killed, and not at all after a run that ended well.
 
-    An exception that ends the run writes them at once, as does the run's end after a trip. A killed process writes
-    nothing: a log does. Of the folder's files the newest stay. A context manager.
+    No tick waits for the keeper: while it writes, up to 512 ticks wait here; the oldest beyond them are lost.
+    A context manager.
     """
 
     def __init__(
@@ -40,60 +48,54 @@ class LastSeconds:
         period_s: float,
         say: Callable[[str], None] = complain,
     ) -> None:
-        self._folder, self._robot, self._about, self._messages = folder, robot, about, messages
-        self._say, self._kept = say, settings.incidents_kept
-        self._ticks: deque[list[Message]] = deque(maxlen=max(1, round(settings.last_s / period_s)))
-        self._wait = round(AFTER_TRIP_S / period_s)
-        self._due: int | None = None
+        ticks, wait = max(1, round(settings.last_s / period_s)), round(AFTER_TRIP_S / period_s)
+        keeping = Keeping(folder.absolute(), settings.incidents_kept, ticks, wait, robot.joint_names, dict(about))
+        self._keeping, self._messages, self._say = keeping, messages, say
+        self._unsent: deque[bytes] = deque(maxlen=WAITING_TICKS)
         self._fault: Fault | None = None
-        self._writers: list[threading.Thread] = []
-        self._breath_s = BREATH_S
 
     def __enter__(self) -> Self:
+        """Start the keeper. It is deaf to the terminal, as it must outlive what the terminal ends."""
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._link.setblocking(False)
+        self._link.send(_packet(self._keeping))
+        command, nowhere = [sys.executable, "-P", "-c", KEEPER, str(theirs.fileno())], subprocess.DEVNULL
+        with theirs:
+            self._keeper = subprocess.Popen(
+                command, stdin=nowhere, stdout=nowhere, pass_fds=[theirs.fileno()], start_new_session=True
+            )
         return self
 
     def __exit__(self, kind: object, error: object, _: object) -> None:
-        """Write what is due, and wait until it is written. The loop is over: nobody is kept waiting."""
-        self._breath_s = 0.0
-        for writer in self._writers:
-            writer.join()
-        if self._ticks and (self._due is not None or kind is not None):
-            self._write(list(self._ticks), str(self._fault or repr(error)))
+        """Wait until what is due is written, for 20 s at most. The loop is over: nobody is kept waiting."""
+        self._unsent.append(_packet(End(None if kind is None else repr(error))))
+        deadline_s = time.monotonic() + END_LIMIT_S
+        with self._link, contextlib.suppress(OSError):
+            while self._hand_over() and (left_s := deadline_s - time.monotonic()) > 0.0:
+                select.select([self._link], [self._link] if self._unsent else [], [], left_s)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._keeper.wait(max(0.0, deadline_s - time.monotonic()))
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
-        """See Observer."""
-        self._ticks.append(self._messages.of(state, result, timer))
-        if result.fault is not None and result.fault is not self._fault and self._due is None:
-            self._due = self._wait
+        """See Observer. Raises ConnectionError where the keeper is gone."""
+        fault = None if result.fault is None or result.fault is self._fault else str(result.fault)
         self._fault = result.fault or self._fault
-        if self._due is None:
-            return
-        self._due -= 1
-        if self._due <= 0:
-            self._due = None
-            arguments = (list(self._ticks), str(self._fault))
-            self._writers.append(threading.Thread(target=self._write, args=arguments, name="incident", daemon=True))
-            self._writers[-1].start()
+        self._unsent.append(_packet(KeptTick(self._messages.of(state, result, timer), fault)))
+        if not self._hand_over():
+            raise ConnectionError("nobody keeps the last seconds any more")
 
-    def _write(self, ticks: list[list[Message]], reason: str) -> None:
-        """A breath between ticks: the loop may be under way again."""
-        try:
-            file = McapFile(self._folder, self._robot, {**self._about, "reason": reason})
-            try:
-                for messages in ticks:
-                    for message in messages:
-                        file.add(message)
-                    time.sleep(self._breath_s)
-                file.finish()
-            finally:
-                file.close()
-            for old in sorted(self._folder.glob("run-*.mcap"), key=_changed_s)[: -self._kept]:
-                old.unlink(missing_ok=True)
-        except (OSError, ValueError) as error:
-            self._say(f"the last seconds could not be kept: {error}")
-        else:
-            self._say(f"the last {len(ticks)} ticks are in {file.path}")
+    def _hand_over(self) -> bool:
+        """Send what the keeper takes now, and say what it says. False where it is gone."""
+        with contextlib.suppress(BlockingIOError):
+            while self._unsent:
+                self._link.send(self._unsent[0])
+                self._unsent.popleft()
+        with contextlib.suppress(BlockingIOError):
+            while line := self._link.recv(LARGEST_PACKET):
+                self._say(line.decode())
+            return False
+        return True
 
 
-def _changed_s(path: Path) -> float:
-    return path.stat().st_mtime
+def _packet(content: Any) -> bytes:
+    return pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL)

@@ -11,8 +11,9 @@ from typing import Self
 
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
+from deploy.record.channels import Message
 from deploy.record.mcap_file import McapFile
-from deploy.record.messages import Message, TickMessages
+from deploy.record.messages import TickMessages
 from hal.contract.types import RobotState
 from robot.robot import Robot
 
@@ -46,7 +47,7 @@ class McapLog:
         may_wait: bool,
         complain: Callable[[str], None] = complain,
     ) -> None:
-        self._file = McapFile(folder, robot, about)
+        self._file = McapFile(folder, robot.joint_names, about)
         self.path = self._file.path
         self.dropped = 0
         self._messages = messages or TickMessages()

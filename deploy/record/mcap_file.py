@@ -3,15 +3,14 @@
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, cast
 
 from mcap.writer import Writer
 
 from core.errors import InputError
-from deploy.record.messages import CHANNELS, Message, encoded
-from robot.robot import Robot
+from deploy.record.channels import CHANNELS, Message, encoded
 
 
 class McapFile:
@@ -22,7 +21,7 @@ class McapFile:
     last flush, and only `close` may follow. Raises InputError where no file can be made.
     """
 
-    def __init__(self, folder: Path, robot: Robot, about: Mapping[str, str]) -> None:
+    def __init__(self, folder: Path, joint_names: Sequence[str], about: Mapping[str, str]) -> None:
         clocks = {"began_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
         clocks |= {"began_unix_s": f"{time.time():.6f}", "began_monotonic_s": f"{time.monotonic():.6f}"}
         try:
@@ -32,7 +31,7 @@ class McapFile:
             self._writer = Writer(cast("IO[Any]", self._stream))
             self._writer.start(profile="", library="kata")
             self._channels = {topic: self._register(topic) for topic in CHANNELS}
-            self._writer.add_metadata("run", {**clocks, **about, "joint_names": json.dumps(robot.joint_names)})
+            self._writer.add_metadata("run", {**clocks, **about, "joint_names": json.dumps(joint_names)})
         except OSError as error:
             raise InputError(f"no log can be written here ({error.strerror})", where=folder) from error
 

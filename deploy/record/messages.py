@@ -1,6 +1,5 @@
-"""What one tick says to a log: channels, their fields, and the numbers in them."""
+"""What one tick says to a log."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -10,46 +9,11 @@ import numpy as np
 
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
+from deploy.record.channels import CHANNELS, Message
 from deploy.safety.rules import Fault
 from hal.contract.types import RobotState
 
 SECOND_NS = 1_000_000_000
-NUMBER: dict[str, Any] = {"type": ["number", "null"]}
-NUMBERS: dict[str, Any] = {"type": "array", "items": NUMBER}
-INTEGER: dict[str, Any] = {"type": "integer"}
-TEXT: dict[str, Any] = {"type": "string"}
-TEXTS: dict[str, Any] = {"type": "array", "items": TEXT}
-OBJECT: dict[str, Any] = {"type": "object"}
-CHANNELS: dict[str, dict[str, Any]] = {
-    "/state": {
-        "joint_pos_rad": NUMBERS,
-        "joint_vel_rad_s": NUMBERS,
-        "joint_torque_nm": NUMBERS,
-        "joint_age_s": NUMBERS,
-        "imu_quat_wxyz": NUMBERS,
-        "imu_ang_vel_b": NUMBERS,
-        "imu_acc_b": NUMBERS,
-        "imu_age_s": NUMBER,
-        "temperature_c": NUMBERS,
-        "charge": NUMBER,
-        "supply": NUMBER,
-        "supply_high": NUMBER,
-        "true_root_pos_w": NUMBERS,
-        "true_root_quat_wxyz": NUMBERS,
-        "true_foot_contact": NUMBERS,
-    },
-    "/command": {"q_rad": NUMBERS, "kp": NUMBERS, "kd": NUMBERS},
-    "/observation": {"groups": {"type": "object", "additionalProperties": NUMBERS}},
-    "/action": {"policy_sha256": TEXT, "motion": TEXT, "tick": INTEGER, "action": NUMBERS, "target_rad": NUMBERS},
-    "/condition": {"mode": TEXT, "trip": TEXT, "device_faults": TEXTS},
-    "/remote": {"buttons": TEXTS, "age_s": NUMBER},
-    "/events": {"event": TEXT, "detail": TEXT},
-    "/timing": {"tick": INTEGER, "overruns": INTEGER, "phases_ms": OBJECT},
-    "/wire": {"cycles": OBJECT, "stats": OBJECT},
-    "/clock": {"unix_s": NUMBER},
-}
-Message = tuple[str, int, dict[str, Any]]
-"""Channel, time of the loop's clock in ns, fields."""
 
 
 class TickMessages:
@@ -107,25 +71,6 @@ class TickMessages:
             if self._statistics is not None and (statistics := self._statistics()):
                 said.append(("/wire", dict(statistics)))
         return said
-
-
-def encoded(fields: Mapping[str, Any]) -> bytes:
-    """JSON in which null stands for what is not a number."""
-    return json.dumps(plain(fields), allow_nan=False).encode()
-
-
-def plain(value: Any) -> Any:
-    """What JSON can hold; float32 becomes the double of the same value."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, np.ndarray):
-        numbers: Sequence[Any] = value.tolist()
-        return numbers if np.isfinite(value).all() else [plain(number) for number in numbers]
-    if isinstance(value, (list, tuple)):
-        return [plain(inner) for inner in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def _condition(state: RobotState | None, result: TickResult) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
-from deploy.record.messages import plain
+from deploy.record.channels import plain
 from deploy.safety.health import WindingTemperature
 from hal.contract.types import RobotState
 from robot.robot import Robot

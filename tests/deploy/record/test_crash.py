@@ -1,10 +1,11 @@
 """What is left of a run that a crash, a full disk or a trip ended."""
 
 import json
+import os
 import resource
+import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from deploy.control.timing import PhaseTimer
 from deploy.record.last_seconds import LastSeconds
 from deploy.record.log import McapLog
 from deploy.record.messages import TickMessages
+from deploy.record.observers import Observers
 from deploy.record.read_log import read_log
 from deploy.record.replay_log import main as replay
 from deploy.safety.guard import Guard
@@ -170,22 +172,41 @@ def test_the_last_seconds_before_a_trip_are_kept_without_a_log(tmp_path):
     assert read_log(path).about["reason"] == conditions[-1]["trip"]
 
 
-def test_the_end_waits_for_every_incident_that_is_being_written(tmp_path, monkeypatch):
-    """Two trips, 2 s apart and more; the first is still being written when the second is, and when the run ends."""
-    said, going_on, write = [], threading.Event(), LastSeconds._write
-
-    def slow_at_first(self, kept, reason):
-        assert reason.endswith("second") or going_on.wait(10.0)
-        write(self, kept, reason)
-
-    monkeypatch.setattr(LastSeconds, "_write", slow_at_first)
+def test_the_end_waits_for_every_incident_that_is_being_written(tmp_path):
+    """Two trips, 2 s apart and more, told faster than a process starts."""
+    said = []
     with ring(tmp_path / "incidents", said) as kept:
         for fault in ("first", "second"):
             tick = Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
             ticks(kept, 0, 110, tick, faults=(fault,))
-        threading.Timer(0.3, going_on.set).start()
     reasons = sorted(read_log(path).about["reason"] for path in (tmp_path / "incidents").iterdir())
     assert reasons == ["device_fault: first", "device_fault: second"] and len(said) == 2
+
+
+def test_a_keeper_that_hangs_holds_no_tick_up_and_has_the_latest_ones_afterwards(tmp_path):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+    with ring(tmp_path / "incidents", said) as kept:
+        ticks(kept, 0, 10, tick)
+        kept._keeper.send_signal(signal.SIGSTOP)
+        ticks(kept, 10, 700, tick)
+        ticks(kept, 700, 701, tick, faults=("motor_fault:left_knee_joint",))
+        kept._keeper.send_signal(signal.SIGCONT)
+    (path,) = (tmp_path / "incidents").iterdir()
+    assert said == [f"the last 50 ticks are in {path}"]
+    assert [bool(condition["trip"]) for condition in content(path, "/condition")] == 49 * [False] + [True]
+    with path.open("rb") as file:
+        last_ns = max(message.log_time for _, _, message in make_reader(file).iter_messages(topics=["/state"]))
+    assert last_ns == 700 * round(1e9 * PERIOD_S)
+
+
+def test_a_run_goes_on_without_a_keeper_that_was_killed_and_says_so(tmp_path):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+    with ring(tmp_path / "incidents", []) as kept:
+        observers = Observers([kept], said.append)
+        kept._keeper.kill()
+        kept._keeper.wait()
+        ticks(observers, 0, 3, tick)
+    assert len(said) == 1 and said[0].startswith("LastSeconds failed, going on without it: ")
 
 
 def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_raised(tmp_path):
@@ -199,6 +220,27 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
             raise ZeroDivisionError("here")
     assert len(said) == 5 and len(list((tmp_path / "incidents").iterdir())) == 3
     assert read_log(max((tmp_path / "incidents").iterdir())).about["reason"] == "ZeroDivisionError('here')"
+
+
+@pytest.mark.real_time
+def test_a_killed_run_without_a_log_leaves_its_last_seconds(actor, tmp_path):
+    """Killed while it tracks: nothing of its own can act any more. The keeper is deaf to what a terminal sends."""
+    script = "import sys, pathlib, deploy.record.watching as w; w.INCIDENTS = pathlib.Path(sys.argv.pop(1))\n"
+    script += "from deploy.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-P", "-c", script, str(tmp_path / "incidents"), "--backend", "mock", "--realtime"]
+    command += ["--start", "reference", "--policy", str(actor)]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+    run = subprocess.Popen(command, text=True, env=ENVIRONMENT, start_new_session=True, **streams)
+    wait_for(run, "TRACKING")
+    time.sleep(1.5)
+    killed_s = time.monotonic()
+    os.killpg(run.pid, signal.SIGKILL)
+    _, error = run.communicate(timeout=60)
+    (path,) = (tmp_path / "incidents").iterdir()
+    assert f"ticks are in {path}" in error
+    log = read_log(path)
+    assert log.cut is None and log.about["reason"] == "the run's process ended without a word: killed, or crashed"
+    assert len(log.ticks) > 40 and 0.0 <= killed_s - log.ticks[-1].time_s < 0.5
 
 
 @pytest.mark.real_time

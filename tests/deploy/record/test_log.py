@@ -14,8 +14,8 @@ from deploy.control.sequence import OnlyTheClip
 from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.episode import place_at_reference
+from deploy.record.channels import CHANNELS
 from deploy.record.log import McapLog
-from deploy.record.messages import CHANNELS
 from deploy.record.read_log import read_log
 from deploy.record.replay_log import first_difference, main, ticks_of
 from deploy.safety.guard import Guard
