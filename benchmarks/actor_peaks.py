@@ -20,7 +20,7 @@ from core.arguments import ArgumentParser
 from core.command import guarded
 from core.files import check_output_file, write_json
 from deploy.actors import load_run, load_runs
-from deploy.control.states import RESTING
+from deploy.control.modes import RESTING
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeResult, EpisodeRig, Start, run_episode, simulated_rig

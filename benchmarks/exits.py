@@ -26,7 +26,7 @@ from core.command import guarded
 from core.files import check_output_file, write_json
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.console import Console
 from deploy.operator.voice import Voice
 from deploy.settings import load_settings
@@ -41,14 +41,17 @@ ROOT = Path(__file__).resolve().parents[1]
 WIRES = ("dds", "can", "dynamixel")
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}
 STRUCK = {"loop": ("loop",), "wire": ("wire",), "both": ("loop", "wire")}
-# state -> what is asked for on the way there, each after the state before has been announced
+# state -> what is asked for on the way there, each with the line that announces what it leads to
+READY, TRACKING = ("stand", "READY"), ("start", "TRACKING")
 STATES = {
-    "STAND_UP": ("stand",),
-    "READY": ("stand",),
-    "TRACKING": ("stand", "start"),
-    "DAMPING": ("stand", "start", "damp"),
+    "STAND_UP": (("stand", "STAND_UP"),),
+    "FIXED_STAND": (("stand", "FIXED_STAND"),),
+    "READY": (READY,),
+    "TRACKING": (READY, TRACKING),
+    "HOLD": (READY, TRACKING, ("hold", "HOLD")),
+    "LOWERING": (READY, ("finish", "LOWERING")),
+    "DAMPING": (READY, TRACKING, ("damp", "damping")),
 }
-ANNOUNCED = {"stand": "READY", "start": "TRACKING", "damp": "damping"}
 BOUND_S = 0.2
 JUDGED_AFTER_S = 0.4
 DRIVES_S = 0.5
@@ -76,15 +79,16 @@ class ElsewhereLaunched(Emulator):
         self.endpoints, self.control = dict(endpoints), ControlClient(control)
 
 
-def loop(wire: str, emulator: Emulator) -> None:
-    """What is struck: the loop of deploy/run on an emulator that is there already. First it says its pace."""
+def loop(wire: str, emulator: Emulator, state: str) -> None:
+    """What is struck, on the way to a state: the loop of deploy/run on an emulator that is there already. First it
+    says its pace."""
     robot, settings, clock = load_robot(), load_settings(), MonotonicClock()
     safety = settings.safety
     stale = replace(safety.stale, limit_periods=PATIENT_PERIODS, trip_periods=PATIENT_PERIODS)
     overrun = replace(safety.inference_overrun, periods=PATIENT_PERIODS)
     settings = replace(settings, safety=replace(safety, stale=stale, inference_overrun=overrun))
     actors = [load_run(name, None, robot, settings.entry) for name in ("taichi", "stand")]
-    cell = Cell(robot, settings, actors[:1], actors[1])
+    cell = Cell(robot, settings, actors[:1], actors[1], fixed_stand=state == "FIXED_STAND")
     with open_backend(wire, robot, clock, emulator=emulator) as backend, realtime(lambda _: None):
         print(json.dumps(time.pace()), flush=True)
         time.sleep(DRIVES_S)
@@ -94,9 +98,9 @@ def loop(wire: str, emulator: Emulator) -> None:
 
 
 @contextlib.contextmanager
-def started(wire: str, emulator: Emulator) -> Iterator["subprocess.Popen[str]"]:
+def started(wire: str, emulator: Emulator, state: str) -> Iterator["subprocess.Popen[str]"]:
     """The loop's process, whose pace is this one's too; at the end nothing of it is left."""
-    there = (json.dumps(emulator.endpoints), emulator.control.address)
+    there = (json.dumps(emulator.endpoints), emulator.control.address, state)
     command = [sys.executable, "-P", __file__, "--loop", wire, *there]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -115,7 +119,7 @@ def started(wire: str, emulator: Emulator) -> Iterator["subprocess.Popen[str]"]:
 
 def trial(wire: str, emulator: Emulator, number: signal.Signals, struck: Sequence[str], state: str) -> float | None:
     """Seconds until every motor was damped for good; inf where one was not; None where the state was not reached."""
-    with started(wire, emulator) as process:
+    with started(wire, emulator, state) as process:
         if not _reached(process, state):
             return None
         time.sleep(DRIVES_S)
@@ -141,12 +145,12 @@ def _reached(process: "subprocess.Popen[str]", state: str) -> bool:
     patience.start()
     try:
         there = _heard(process, "IDLE")
-        for word in STATES[state]:
+        for word, announced in STATES[state]:
             if not there:
                 break
             process.stdin.write(f"{word}\n")
             process.stdin.flush()
-            there = _heard(process, "STAND_UP" if state == "STAND_UP" else ANNOUNCED[word])
+            there = _heard(process, announced)
         return there
     finally:
         patience.cancel()
@@ -168,7 +172,7 @@ def trials(host: HostWatch, wires: Sequence[str], states: Sequence[str]) -> Iter
                     value_s = trial(wire, emulator, number, struck, state)
                 if value_s is not None and (value_s <= BOUND_S or not host.longest_s(begun_s)):
                     break
-            print(f"{wire:10} {how:8} {to:5} {state:9} {_cell(value_s):>11}", flush=True)
+            print(f"{wire:10} {how:8} {to:5} {state:11} {_cell(value_s):>11}", flush=True)
             yield f"{wire}, {how}, {to}, {state}", value_s
 
 
@@ -192,11 +196,11 @@ def main() -> int:
     parser.add_argument("--wire", action="append", choices=WIRES, help="repeatable; all of them")
     parser.add_argument("--state", action="append", choices=tuple(STATES), help="repeatable; all of them")
     parser.add_argument("--json", type=Path, metavar="F")
-    parser.add_argument("--loop", nargs=3, metavar=("WIRE", "ENDPOINTS", "CONTROL"), help=argparse.SUPPRESS)
+    parser.add_argument("--loop", nargs=4, metavar=("WIRE", "ENDPOINTS", "CONTROL", "STATE"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.loop:
-        wire, endpoints, control = options.loop
-        loop(wire, ElsewhereLaunched(json.loads(endpoints), control))
+        wire, endpoints, control, state = options.loop
+        loop(wire, ElsewhereLaunched(json.loads(endpoints), control), state)
         return 0
     check_output_file("--json", options.json)
     with contextlib.closing(HostWatch()) as host:

@@ -19,7 +19,7 @@ from core.files import check_output_file, write_json
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.states import Mode, Request
+from deploy.control.modes import Mode, Request
 from deploy.episode import place_at_reference
 from deploy.settings import DeploySettings, load_settings
 from hal.contract.types import RobotState

@@ -17,7 +17,8 @@ from core.files import check_output_file, write_json
 from core.rotations import quat_from_axis_angle
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.modes import Mode, Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.settings import load_settings

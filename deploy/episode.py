@@ -12,7 +12,7 @@ from core.errors import InputError
 from deploy.actor_run import ActorRun
 from deploy.cell import Cell
 from deploy.control.loop import Observer, Plan
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.recorder import Performance, has_fallen

@@ -14,6 +14,8 @@ FASTEST_RISE_RAD_S = 0.8
 FASTEST_LOWERING_S = 2.0
 FASTEST_FADE_S = 0.5
 STIFFEST_LOWERING = 3.0
+LONGEST_BRACING_S = 2.0
+STIFFEST_BRACING = 0.4
 SLOWEST_STOP_S = 0.5
 LATEST_HOLD_S = 2.0
 LATEST_STALE_S = 0.5
@@ -108,6 +110,21 @@ class LoweringSettings(Checked):
     def joints(self) -> frozenset[str]:
         """Every joint that is named."""
         return frozenset((*self.ankle_pitch_joints, *self.ankle_roll_joints, *self.crouch))
+
+
+@dataclass(frozen=True)
+class BracingSettings(Checked):
+    """The pose of a robot that falls, its stiffness as a share of the robot's own, and how long until it has landed."""
+
+    lands_s: float
+    stiffness: float
+    pose_rad: dict[str, float]
+
+    def __post_init__(self) -> None:
+        """Check ranges. Raises InputError."""
+        super().__post_init__()
+        within("lands_s", self.lands_s, 0.0, LONGEST_BRACING_S)
+        within("stiffness", self.stiffness, 0.0, STIFFEST_BRACING)
 
 
 @dataclass(frozen=True)
@@ -267,6 +284,7 @@ class DeploySettings(Checked):
     acknowledge_s: float
     stand_up: StandUpSettings
     lowering: LoweringSettings | None
+    bracing: BracingSettings | None
     sequence: SequenceSettings
     safety: SafetySettings
     preflight: PreflightSettings

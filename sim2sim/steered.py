@@ -12,7 +12,7 @@ from core.rotations import yaw_of
 from deploy.actor_run import ActorRun
 from deploy.actors import follows_goals, load_run
 from deploy.cell import Cell
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.episode import EpisodeRig, FallWatch, simulated_rig

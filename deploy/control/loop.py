@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from core.clock import Clock
+from deploy.control.modes import RESTING, Mode, Request
 from deploy.control.sequence import GantryRelease
-from deploy.control.states import RESTING, Mode, Request
 from deploy.control.tick import Tick, TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.operator.keys import RequestSource

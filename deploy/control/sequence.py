@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from deploy.actor_run import unsteady
-from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.modes import Mode, Request
+from deploy.control.states import StateMachine
 from deploy.settings import DeploySettings
 from hal.contract.types import RobotState
 
@@ -84,5 +85,7 @@ class OnlyTheClip:
     def requests(self, state: RobotState | None) -> Sequence[Request]:
         """One tick's wishes."""
         machine = self._machine
+        if machine.mode is Mode.BRACING:
+            return ()
         over = machine.mode is not Mode.TRACKING or (machine.active is not None and machine.active.finished)
         return (Request.QUIT,) if over else ()

@@ -5,15 +5,18 @@
 FIXED_STAND is passed where somebody must put the robot on its feet first: the start pose is held, nothing balances.
 
 An orderly end lowers the robot first, READY or HOLD -> LOWERING -> DAMPING; inside a motion it waits for HOLD.
-Any fault and every operator's stop lead to DAMPING, latched. A fault in IDLE, where nothing is in force, latches IDLE.
+A balanced robot that falls passes BRACING, where its joints give way softly, until it has landed.
+Then, and at once after any other fault and every operator's stop, it is in DAMPING, latched.
+A fault in IDLE, where nothing is in force, latches IDLE.
 Acknowledging leads to IDLE once the devices are without fault, never straight up.
 """
 
-import enum
 from collections.abc import Callable, Sequence
 
 from deploy.actor_run import ActorRun
+from deploy.control.bracing import FALLING, bracing_for
 from deploy.control.lowering import lowering_for
+from deploy.control.modes import ALLOWED, BALANCED, RISING, STANDING, Mode, Request
 from deploy.control.stand_up import Settling, StandUp
 from deploy.safety.rules import Fault, Wish
 from deploy.settings import DeploySettings
@@ -21,50 +24,6 @@ from hal.contract.types import RobotState
 from policy.controller import PolicyOutput
 from robot.robot import Robot
 from world.actuation import JointCommand
-
-
-class Mode(enum.Enum):
-    """What the robot is doing. The value is the line that a change prints."""
-
-    IDLE = "IDLE"
-    DAMPING = "damping"
-    STAND_UP = "STAND_UP"
-    FIXED_STAND = "FIXED_STAND"
-    READY = "READY"
-    TRACKING = "TRACKING"
-    HOLD = "HOLD"
-    LOWERING = "LOWERING"
-
-
-class Request(enum.Enum):
-    """What may be asked for. FINISH ends the run in order, QUIT at once. LOWER puts the robot down now; where nobody
-    balances it, it is damped."""
-
-    STAND = "stand"
-    START = "start"
-    HOLD = "hold"
-    SWITCH = "switch"
-    DAMP = "damp"
-    ACKNOWLEDGE = "acknowledge"
-    LOWER = "lower"
-    FINISH = "finish"
-    QUIT = "quit"
-
-
-ALLOWED: dict[Request, frozenset[Mode]] = {
-    Request.STAND: frozenset({Mode.IDLE, Mode.FIXED_STAND}),
-    Request.START: frozenset({Mode.READY, Mode.HOLD}),
-    Request.HOLD: frozenset({Mode.TRACKING}),
-    Request.SWITCH: frozenset(Mode) - {Mode.DAMPING},
-    Request.DAMP: frozenset(Mode),
-    Request.ACKNOWLEDGE: frozenset({Mode.IDLE, Mode.DAMPING}),
-    Request.LOWER: frozenset(Mode),
-    Request.FINISH: frozenset(Mode),
-    Request.QUIT: frozenset(Mode),
-}
-RESTING = frozenset({Mode.IDLE, Mode.DAMPING})
-RISING = frozenset({Mode.STAND_UP, Mode.FIXED_STAND})
-STANDING = frozenset({Mode.READY, Mode.HOLD})
 
 
 class StateMachine:
@@ -95,6 +54,7 @@ class StateMachine:
         self._stand, self._fixed_stand = stand, fixed_stand
         self._stand_up = None if stand is None else StandUp(robot, stand.start_pose_rad, settings.stand_up, period_s)
         self._lowering = None if stand is None else lowering_for(robot, stand.start_pose_rad, settings, period_s)
+        self._bracing = bracing_for(robot, settings.bracing, period_s)
         self._settling = Settling(robot, settings.stand_up, period_s)
         self._blend_ticks = max(1, round(settings.blend_s / period_s))
         self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
@@ -113,10 +73,10 @@ class StateMachine:
         match request:
             case Request.DAMP:
                 self._damp(latched=True)
-            case Request.LOWER | Request.FINISH if self._begin_lowering():
+            case Request.LOWER | Request.FINISH if self.mode is Mode.BRACING or self._begin_lowering():
                 pass
             case Request.FINISH if self._lowering is not None and self.mode in (Mode.TRACKING, Mode.HOLD):
-                return self._wait_for_standing(self._lowering.wait_ticks)
+                self._wait_for_standing(self._lowering.wait_ticks)
             case Request.LOWER | Request.FINISH | Request.QUIT:
                 # Idle, nothing is in force that would have to end; the loop damps what it has driven before.
                 if self.mode is not Mode.IDLE:
@@ -143,6 +103,9 @@ class StateMachine:
             self.fault = fault
         if self.mode is Mode.IDLE:
             self.latched = True
+        elif self._bracing is not None and self.mode in BALANCED and fault.rule in FALLING:
+            self._bracing.start()
+            self._stop(Mode.BRACING, latched=True)
         else:
             self._damp(latched=True)
 
@@ -155,6 +118,11 @@ class StateMachine:
     def can_lower(self) -> bool:
         """Whether the stand actor balances a robot for which there is a way down."""
         return self._lowering is not None and self.mode in STANDING and self.active is self._stand
+
+    @property
+    def finishing(self) -> bool:
+        """Whether an end in order waits for the stand actor to take over."""
+        return self._finishing > 0
 
     def no_fault(self) -> None:
         """A tick without any fault: what was acknowledged is over."""
@@ -176,6 +144,8 @@ class StateMachine:
             return self._stand_up.fault(state) or self._stand_up.wish()
         if self.mode is Mode.LOWERING and self._lowering is not None:
             return self._lowering.wish(state)
+        if self.mode is Mode.BRACING and self._bracing is not None:
+            return self._bracing.wish()
         if self.active is None:
             return None
         self.output = self.active.act(state, lap)
@@ -206,6 +176,8 @@ class StateMachine:
         elif self.mode is Mode.LOWERING and self._lowering:
             if self._lowering.done or self._lowering.lost(state):
                 self._damp(latched=True)
+        elif self.mode is Mode.BRACING and self._bracing and self._bracing.done:
+            self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
             self._activate(stand, Mode.HOLD)
         if self._finishing:
@@ -267,13 +239,11 @@ class StateMachine:
         self.mode, self.active, self._blend_from, self._finishing = Mode.LOWERING, None, None, 0
         return True
 
-    def _wait_for_standing(self, ticks: int) -> str | None:
-        """Inside a motion: let the stand actor take over as soon as it can. Says so once."""
-        if self._finishing:
-            return None
-        self._finishing = ticks
-        self._ask_hold()
-        return "finish waits until the robot can be lowered out of standing; damp acts at once"
+    def _wait_for_standing(self, ticks: int) -> None:
+        """Inside a motion: let the stand actor take over as soon as it can."""
+        if not self._finishing:
+            self._finishing = ticks
+            self._ask_hold()
 
     def _start_selected(self, state: RobotState | None) -> str | None:
         if self._finishing:
@@ -294,6 +264,10 @@ class StateMachine:
         return None
 
     def _damp(self, *, latched: bool) -> None:
-        self.mode, self.latched, self._patience, self._finishing = Mode.DAMPING, self.latched or latched, 0, 0
-        self.active = self._sent = self._blend_from = None
+        self._stop(Mode.DAMPING, latched=latched)
         self._settling.start()
+
+    def _stop(self, mode: Mode, *, latched: bool) -> None:
+        """No actor moves the joints any more."""
+        self.mode, self.latched, self._patience, self._finishing = mode, self.latched or latched, 0, 0
+        self.active = self._sent = self._blend_from = None

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from deploy.actor_run import ActorRun
-from deploy.control.states import RESTING, Mode, Request, StateMachine
+from deploy.control.modes import RESTING, Mode, Request
+from deploy.control.states import StateMachine
 from deploy.safety.guard import Guard
 from deploy.safety.rules import Fault, Wish, make_sample
 from hal.contract.types import DeviceError, RobotState
@@ -19,7 +20,8 @@ class TickResult:
     modes: the states entered, in order. refused: answers to requests that could not be met. acknowledged: the devices
     are to clear what has latched. actor, output: who moved the joints and what it computed; None where none did.
     warning: what will end the run before long; it has asked for HOLD. lowered_by: what has asked for LOWER in this
-    tick, because it will be very soon. requests: what others asked for.
+    tick, because it will be very soon. finishing: an orderly end waits until the robot can be lowered. requests: what
+    others asked for.
     """
 
     command: JointCommand | None
@@ -32,6 +34,7 @@ class TickResult:
     output: PolicyOutput | None
     warning: str | None = None
     lowered_by: str | None = None
+    finishing: bool = False
     requests: tuple[Request, ...] = ()
 
 
@@ -84,7 +87,7 @@ class Tick:
         output = None if state is None else machine.output
         return TickResult(
             command, machine.mode, tuple(modes), machine.fault, tuple(refused), acknowledged, machine.active, output,
-            guard.warning, lowered_by, tuple(requests),
+            guard.warning, lowered_by, machine.finishing, tuple(requests),
         )  # fmt: skip
 
     def _foresee(self, state: RobotState | None) -> str | None:
@@ -105,7 +108,8 @@ class Tick:
         moving = self.machine.mode not in RESTING
         active = self.machine.active
         asked = None if active is None else active.asked
-        return self.guard.check(make_sample(reading, inference_s, overran, asked), moving=moving)
+        falling = self.machine.mode is Mode.BRACING
+        return self.guard.check(make_sample(reading, inference_s, overran, asked), moving=moving, falling=falling)
 
     def _command(self, state: RobotState, lap: Callable[[str], None] | None) -> JointCommand | None:
         machine, guard = self.machine, self.guard

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence, Set
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.takeover import Consent
 
 BUTTONS = {

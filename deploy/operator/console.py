@@ -1,7 +1,7 @@
 """What a run says while it runs."""
 
 from core.clock import Clock
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.operator.voice import Voice
@@ -26,7 +26,7 @@ class Console:
         self._mode = Mode.IDLE
         self._damped: bool | None = None
         self._waited = 0
-        self._warned = False
+        self._warned = self._finishing = False
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
@@ -45,6 +45,9 @@ class Console:
         if result.warning is not None and not self._warned:
             self._voice.complain(f"warning: {result.warning}")
         self._warned = result.warning is not None
+        if result.finishing and not self._finishing:
+            self._voice.say("ending: waits until the robot stands and can be lowered; damp acts at once")
+        self._finishing = result.finishing
         if result.lowered_by is not None:
             self._voice.complain(f"lowered: {result.lowered_by}")
         for refusal in result.refused if self._refusals else ():

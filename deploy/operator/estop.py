@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 from core.errors import InputError
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.preflight import Check
 from deploy.settings import EStopSettings
 

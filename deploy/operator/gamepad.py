@@ -11,7 +11,7 @@ from typing import Self
 
 from core.clock import Clock
 from core.errors import InputError
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.buttons import BUTTON_TABLE, STOP_BUTTON, Buttons
 from deploy.operator.sticks import Sticks
 

@@ -11,7 +11,7 @@ import tty
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.far_end import FarEnd
 from deploy.operator.keys import KEY_TABLE, KEYS
 from deploy.operator.sticks import STEER_TABLE, Sticks

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Protocol, Self
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 
 KEYS = {
     "s": Request.STAND,

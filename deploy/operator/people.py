@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 
 from core.clock import Clock
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.operator.buttons import Buttons
 from deploy.operator.far_end import FarEnd
 from deploy.operator.gamepad import Gamepad

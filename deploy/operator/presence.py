@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from core.clock import Clock
-from deploy.control.states import RESTING, Mode, Request
+from deploy.control.modes import RESTING, Mode, Request
 from deploy.operator.keys import StopSource
 from deploy.settings import OperatorSettings
 

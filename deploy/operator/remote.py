@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from core.clock import Clock
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.buttons import Buttons
 from deploy.operator.sticks import Sticks
 

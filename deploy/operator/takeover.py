@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.keys import StopSource
 
 TAKING = frozenset({Request.STAND, Request.DAMP})

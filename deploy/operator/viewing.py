@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Self
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.film import ghost_qpos

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from core.files import check_output_kind
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import PhaseTimer
 from deploy.record.recorder import Recorder

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.rotations import quat_mul, quat_rotate, yaw_of
 from deploy.actor_run import ActorRun
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.control.tick import TickResult
 from deploy.control.timing import KEPT_TICKS, PhaseTimer
 from deploy.goals.source import Goal

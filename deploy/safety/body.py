@@ -35,7 +35,7 @@ class PositionRange(TripRule):
     """A joint beyond its hard range by more than a margin."""
 
     name = "position_range"
-    moving = True
+    moving = upright = True
 
     def __init__(self, robot: Robot, margin_rad: float, ticks: int) -> None:
         self.ticks = ticks
@@ -57,7 +57,7 @@ class JointSpeed(TripRule):
     """A joint faster than the clip asks, by a share of its speed limit, or faster than any clip may ask."""
 
     name = "joint_speed"
-    moving = True
+    moving = upright = True
 
     def __init__(self, robot: Robot, settings: JointSpeedSettings, ticks: int) -> None:
         self.ticks = ticks
@@ -83,7 +83,7 @@ class Tilt(TripRule):
     """The base leans too far, and not because the clip asks it to; or farther than any clip may ask."""
 
     name = "tilt"
-    moving = True
+    moving = upright = True
 
     def __init__(self, settings: TiltSettings, ticks: int) -> None:
         self.ticks = ticks
@@ -103,7 +103,7 @@ class BaseRate(TripRule):
     """The base turns too fast, about whatever axis, and not because the clip asks it to: a body that falls."""
 
     name = "base_rate"
-    moving = True
+    moving = upright = True
 
     def __init__(self, settings: BaseRateSettings, ticks: int) -> None:
         self.ticks = ticks
@@ -124,7 +124,7 @@ class TorqueSaturation(TripRule):
     """Several joints at once near the torques that they can give: a body that fights the ground or an obstacle."""
 
     name = "torque_saturation"
-    moving = True
+    moving = upright = True
 
     def __init__(self, robot: Robot, factor: float, joints: int, ticks: int) -> None:
         self.ticks = ticks

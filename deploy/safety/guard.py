@@ -52,11 +52,13 @@ class Guard:
         """What is believed of a reading: all but samples that no movement leads to. See Plausibility."""
         return self._gate.believed(reading)
 
-    def check(self, sample: Sample, *, moving: bool) -> Fault | None:
-        """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING)."""
+    def check(self, sample: Sample, *, moving: bool, falling: bool = False) -> Fault | None:
+        """First rule that trips on a state. moving: whether the joints are driven (not IDLE, not DAMPING). falling:
+        whether they are only so that the body lands softly."""
         self._battery.look(sample.state)
         for rule in self._trips:
-            detail = rule.violation(sample) if moving or not rule.moving else None
+            asked = not rule.moving or (moving and not (falling and rule.upright))
+            detail = rule.violation(sample) if asked else None
             self.counts[rule.name] += detail is not None
             if self._tallies[rule.name].lasts(detail is not None):
                 return Fault(rule.name, detail or "")

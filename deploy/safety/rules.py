@@ -59,7 +59,7 @@ class Wish:
 
 
 class TripRule(Protocol):
-    """A rule whose verdict is *trip*. `moving`: ignored while at rest.
+    """A rule whose verdict is *trip*. `moving`: ignored while at rest. `upright`: ignored of a body that falls.
 
     `ticks`: violations in a row that trip. `often`: (n, m), n violations in m ticks trip too; None: they do not.
     """
@@ -67,6 +67,7 @@ class TripRule(Protocol):
     name: str
     ticks: int
     moving: bool
+    upright: bool = False
     often: tuple[int, int] | None = None
 
     def violation(self, sample: Sample) -> str | None:

@@ -9,7 +9,7 @@ import deploy.session
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.cli import exit_code
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.episode import Start
 from deploy.operator.voice import Voice
 from deploy.options import RunOptions

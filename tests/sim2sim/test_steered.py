@@ -8,7 +8,7 @@ import pytest
 
 from core.errors import InputError
 from deploy.actors import load_run
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.goals.guard import GoalGuard
 from deploy.goals.points import PointGuard
 from deploy.settings import load_settings

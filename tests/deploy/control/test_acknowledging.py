@@ -7,7 +7,8 @@ import pytest
 
 from core.clock import MonotonicClock, SimulatedClock
 from deploy.control.loop import Loop
-from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.modes import Mode, Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.operator.console import Console
 from deploy.safety.guard import Guard

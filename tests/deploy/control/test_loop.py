@@ -6,8 +6,9 @@ import pytest
 
 from core.clock import SimulatedClock
 from deploy.control.loop import Loop
+from deploy.control.modes import Mode, Request
 from deploy.control.sequence import GantryRelease, OnlyTheClip, Unattended
-from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
 from hal.contract.types import DeviceFault, LinkLost, NoState

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deploy.control.states import Mode, Request
+from deploy.control.modes import Mode, Request
 from tests.deploy.control.test_states import FAST, Stage
 from tests.deploy.toys import JOINTS, KNEE, PERIOD_S, ROBOT, state, tilted, with_joint
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import Mode, Request
+from deploy.control.modes import Mode, Request
 from deploy.goals.guard import GoalGuard, Steer
 from deploy.goals.steering import SteerGoal
 from deploy.operator.buttons import Buttons

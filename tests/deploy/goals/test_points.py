@@ -11,7 +11,7 @@ from core.errors import InputError
 from core.rotations import quat_from_rotvec, quat_mul, quat_rotate, quat_rotate_inverse
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.message import LARGEST, decode, encode, encode_points

@@ -9,8 +9,8 @@ import pytest
 from core.clock import SimulatedClock
 from core.errors import InputError
 from deploy.cli import main, parse
+from deploy.control.modes import Mode, Request
 from deploy.control.sequence import Unattended
-from deploy.control.states import Mode, Request
 from deploy.episode import Start
 from deploy.goals.guard import NOBODY, Steer
 from deploy.goals.option import GoalOption, parse_goal

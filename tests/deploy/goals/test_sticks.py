@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.buttons import Buttons
 from deploy.operator.gamepad import Gamepad
 from deploy.operator.keyboard import Keyboard

@@ -9,7 +9,7 @@ from core.clock import SimulatedClock
 from deploy.actor_run import ActorRun
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.states import Mode, Request
+from deploy.control.modes import Mode, Request
 from deploy.goals.guard import GoalGuard, Steer
 from deploy.goals.steering import SteerGoal
 from hal.simulated.mujoco import MujocoBackend

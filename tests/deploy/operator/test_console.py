@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.control.timing import PhaseTimer
 from deploy.operator.console import Console
 from tests.deploy.toys import SpokenAtOnce
@@ -18,13 +18,14 @@ class Trial:
         self.backend = SimpleNamespace(control_period_s=0.02, undamped=lambda: self.undamped)
         self.undamped: tuple[str, ...] | None = JOINTS
         self.lowered_by: str | None = None
+        self.finishing = False
         self.voice = SpokenAtOnce()
         self.console = Console(self.voice, self.backend, SimulatedClock(), refusals=False)
 
     def ticks(self, count: int, *modes: Mode) -> None:
         for tick in range(count):
             said = {"fault": None, "refused": (), "warning": None, "lowered_by": self.lowered_by}
-            result = SimpleNamespace(modes=() if tick else modes, **said)
+            result = SimpleNamespace(modes=() if tick else modes, finishing=self.finishing, **said)
             self.console(None, result, PhaseTimer())
 
 
@@ -72,6 +73,18 @@ def test_the_last_word_waits_for_an_answer(trial: Trial, heard: bool, capsys: py
     trial.console.finish()
     out, error = capsys.readouterr()
     assert (out == "damping\n", "NOT DAMPED" in error) == (heard, not heard)
+
+
+def test_an_end_that_waits_says_so_once_also_where_nobody_is_told_refusals(
+    trial: Trial, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial.finishing = True
+    trial.ticks(5)
+    said = "ending: waits until the robot stands and can be lowered; damp acts at once\n"
+    assert capsys.readouterr() == (said, "")
+    trial.finishing = False
+    trial.ticks(2, Mode.LOWERING)
+    assert capsys.readouterr() == ("LOWERING\n", "")
 
 
 def test_why_a_robot_is_lowered_by_itself_is_said(trial: Trial, capsys: pytest.CaptureFixture[str]) -> None:

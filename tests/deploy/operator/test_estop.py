@@ -13,7 +13,7 @@ import deploy.operator.estop
 from core.config import config_file
 from core.errors import InputError
 from deploy.cli import main
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.estop import EStop
 from deploy.settings import EStopSettings
 from tests.deploy.toys import write_linear_actor

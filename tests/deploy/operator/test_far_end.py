@@ -12,7 +12,7 @@ import time
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.far_end import ASK, WELL, FarEnd
 from deploy.operator.keyboard import Keyboard
 from deploy.operator.takeover import Consent

@@ -12,7 +12,7 @@ import time
 
 import pytest
 
-from deploy.control.states import Request
+from deploy.control.modes import Request
 from deploy.operator.keyboard import Keyboard
 from deploy.operator.keys import KEYS, StopSignals
 from deploy.operator.takeover import Consent

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import Mode, Request
+from deploy.control.modes import Mode, Request
 from deploy.operator.presence import Presence
 from deploy.operator.takeover import Consent, Takeover
 from tests.deploy.toys import SETTINGS

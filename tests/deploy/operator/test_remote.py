@@ -3,7 +3,7 @@
 import pytest
 
 from core.clock import SimulatedClock
-from deploy.control.states import ALLOWED, Mode, Request
+from deploy.control.modes import ALLOWED, Mode, Request
 from deploy.operator.buttons import Buttons
 from deploy.operator.remote import RemoteButtons
 from deploy.operator.takeover import Consent

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from core.rotations import yaw_of
-from deploy.control.states import Mode, StateMachine
+from deploy.control.modes import Mode
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.goals.source import Goal
 from deploy.record.recorder import Performance, Recorder, align_heading, has_fallen

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from deploy.control.states import Mode, Request, StateMachine
+from deploy.control.modes import Mode, Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, linear_run, state

@@ -5,7 +5,7 @@ import pytest
 
 from core.clock import SimulatedClock
 from deploy.cell import Cell
-from deploy.control.states import Mode
+from deploy.control.modes import Mode
 from deploy.episode import place_at_reference
 from deploy.safety.guard import Guard
 from deploy.safety.rules import make_sample

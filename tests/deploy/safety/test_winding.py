@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deploy.control.states import Mode, StateMachine
+from deploy.control.modes import Mode
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
 from deploy.safety.rules import make_sample

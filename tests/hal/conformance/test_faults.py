@@ -16,7 +16,8 @@ import pytest
 from core.clock import MonotonicClock
 from deploy.actors import load_run
 from deploy.control.loop import Loop, Observer, Plan
-from deploy.control.states import Request, StateMachine
+from deploy.control.modes import Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
 from hal.open import WIRES, wire_factory

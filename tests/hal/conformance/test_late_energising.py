@@ -15,7 +15,8 @@ from omegaconf import OmegaConf
 from core.clock import MonotonicClock
 from deploy.actors import load_run
 from deploy.control.loop import Loop
-from deploy.control.states import RESTING, Mode, Request, StateMachine
+from deploy.control.modes import RESTING, Mode, Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.safety.guard import Guard
 from hal.open import WIRES, wire_factory

@@ -15,7 +15,8 @@ import pytest
 from core.clock import MonotonicClock
 from deploy.actors import load_run
 from deploy.control.loop import Loop
-from deploy.control.states import Request, StateMachine
+from deploy.control.modes import Request
+from deploy.control.states import StateMachine
 from deploy.control.tick import Tick
 from deploy.operator.console import Console
 from deploy.operator.presence import Presence
