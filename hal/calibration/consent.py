@@ -47,11 +47,16 @@ def add_wire_options(parser: ArgumentParser) -> None:
 
 def load_wires(config: str, elsewhere: list[str]) -> tuple[RobotFile, Robot]:
     """The robot file with its buses moved, and its robot."""
+    file = load_robot_file(config).at(endpoints_of(elsewhere))
+    return file, load_robot(file.robot)
+
+
+def endpoints_of(elsewhere: list[str]) -> dict[str, str]:
+    """What follows each --at: where a bus or port is instead. Raises InputError."""
     pairs = [text.partition("=") for text in elsewhere]
     if wrong := [text for text, (_, separator, _) in zip(elsewhere, pairs) if not separator]:
         raise InputError("--at", got=wrong[0], expected="BUS=ENDPOINT")
-    file = load_robot_file(config).at({bus: endpoint for bus, _, endpoint in pairs})
-    return file, load_robot(file.robot)
+    return {bus: endpoint for bus, _, endpoint in pairs}
 
 
 def run_command(action: Callable[[], int]) -> int:

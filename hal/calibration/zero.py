@@ -5,6 +5,7 @@ import re
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 from core.arguments import ArgumentParser
 from core.config import config_file
@@ -13,7 +14,6 @@ from core.files import write_whole
 from hal.calibration.bench import Bench, JointReading
 from hal.calibration.consent import DONE, Ask, add_wire_options, consent, load_wires, run_command
 from hal.calibration.jog import TORQUE_SHARE, TORQUE_SHARE_MAX, require_watchdog
-from hal.can.robot_file import MotorEntry
 from hal.contract.types import DeviceError
 
 SPEED_RAD_S = 0.15
@@ -47,31 +47,69 @@ def _zero(arguments: Sequence[str] | None, ask: Ask | None) -> int:
             found = bench.read_still()
         zero_rad = zero_of(bench.entry, found.raw_rad, angle_rad)
         bench.mark_zeroed(zero_rad)
-    print(f"{given.joint}: zero_rad {bench.entry.zero_rad:g} -> {zero_rad:.4f}")
-    path = config_file("hal", given.config)
-    if not given.write:
+    return settle(given.config, given.joint, bench.entry.zero_rad, zero_rad, write=given.write, ask=ask)
+
+
+def settle(config: str, joint: str, before_rad: float, zero_rad: float, *, write: bool, ask: Ask | None) -> int:
+    """Say what was found and, where asked for and agreed, write it into the robot's file. The command's exit code."""
+    print(f"{joint}: zero_rad {before_rad:g} -> {zero_rad:.4f}")
+    path = config_file("hal", config)
+    if not write:
         print(f"put `zero_rad: {zero_rad:.4f}` into its line of {path}, or repeat with --write")
         return DONE
-    consent(given.joint, f"{path} will be changed", ask)
-    write_zero(path, given.joint, zero_rad)
+    consent(joint, f"{path} will be changed", ask)
+    write_zero(path, joint, zero_rad)
     return DONE
 
 
-def zero_of(entry: MotorEntry, raw_rad: float, angle_rad: float) -> float:
+class Mapped(Protocol):
+    """A motor or servo as its file says: q = direction (raw - zero_rad) / gear. fold: single-turn, see JointMap."""
+
+    @property
+    def direction(self) -> int:
+        """1 or -1."""
+        ...
+
+    @property
+    def gear(self) -> float:
+        """Of a stage behind it."""
+        ...
+
+    @property
+    def fold(self) -> bool:
+        """Whether whole turns are found from the joint's range."""
+        ...
+
+
+def zero_of(entry: Mapped, raw_rad: float, angle_rad: float) -> float:
     """zero_rad that makes this motor position this joint angle; for single-turn encoders within half a turn of 0."""
     zero_rad = raw_rad - entry.direction * entry.gear * angle_rad
     return math.remainder(zero_rad, 2.0 * math.pi) if entry.fold else zero_rad
 
 
 def write_zero(path: Path, joint: str, zero_rad: float) -> None:
-    """Change the number in the joint's line, and nothing else. Raises InputError where there is no such single line."""
+    """Change the number in the joint's line, or add it there, and nothing else.
+
+    Raises InputError where there is no such single line.
+    """
     lines = path.read_text().splitlines(keepends=True)
     rows = [i for i, line in enumerate(lines) if re.search(rf"\bjoint:\s*{re.escape(joint)}\b", line.split("#")[0])]
-    if len(rows) != 1 or len(re.findall(r"\bzero_rad:", lines[rows[0]])) != 1:
+    changed = _with_zero(lines[rows[0]], zero_rad) if len(rows) == 1 else None
+    if changed is None:
         hint = f"write `zero_rad: {zero_rad:.4f}` by hand"
-        raise InputError(f"no single line with `joint: {joint}` and `zero_rad:`", where=path, hint=hint)
-    lines[rows[0]] = re.sub(r"(\bzero_rad:\s*)[-+.\deE]+", rf"\g<1>{zero_rad:.4f}", lines[rows[0]])
+        raise InputError(f"no single line {{joint: {joint}, ...}}", where=path, hint=hint)
+    lines[rows[0]] = changed
     write_whole(path, "".join(lines).encode())
+
+
+def _with_zero(line: str, zero_rad: float) -> str | None:
+    """A joint's line {...} with another zero; None where it is none."""
+    entry, comment = re.fullmatch(r"([^#]*)(.*)", line, flags=re.DOTALL).groups()  # type: ignore[union-attr]
+    if len(re.findall(r"\bzero_rad:", entry)) == 1:
+        return re.sub(r"(\bzero_rad:\s*)[-+.\deE]+", rf"\g<1>{zero_rad:.4f}", entry) + comment
+    if "zero_rad" in entry or not (closed := re.fullmatch(r"(.*)(\}\s*)", entry, flags=re.DOTALL)):
+        return None
+    return f"{closed[1]}, zero_rad: {zero_rad:.4f}{closed[2]}{comment}"
 
 
 def _by_hand(bench: Bench, angle_rad: float, ask: Ask | None) -> JointReading:

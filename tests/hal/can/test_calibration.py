@@ -301,12 +301,30 @@ def test_a_joint_that_moves_cannot_be_zeroed() -> None:
             thread.join()
 
 
-def test_a_file_without_a_single_line_is_not_touched(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "motors:\n  - joint: left_knee_joint\n    id: 1\n",
+        "motors:\n  - {joint: left_knee_joint, id: 1}\n  - {joint: left_knee_joint, id: 2}\n",
+        "motors:\n  - {joint: left_knee_joint, zero_rad: 0.1, zero_rad: 0.2}\n",
+        "motors:\n  - {joint: left_knee_joint_2, id: 1}  # joint: left_knee_joint\n",
+    ],
+)
+def test_a_file_without_a_single_line_is_not_touched(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.yaml"
-    path.write_text("motors:\n  - joint: left_knee_joint\n    zero_rad: 0.1\n")
+    path.write_text(text)
     with pytest.raises(InputError, match=r"no single line.*write `zero_rad: 0\.3000` by hand"):
         zero.write_zero(path, KNEE, 0.3)
-    assert "0.1" in path.read_text()
+    assert path.read_text() == text
+
+
+def test_a_line_without_a_zero_gets_one(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("motors:\n  - {joint: left_knee_joint, id: 1}   # was {zero_rad: 3}\n  - {joint: hip}\n")
+    zero.write_zero(path, KNEE, -0.25)
+    found = path.read_text().splitlines()
+    assert found[1] == "  - {joint: left_knee_joint, id: 1, zero_rad: -0.2500}   # was {zero_rad: 3}"
+    assert [found[0], *found[2:]] == ["motors:", "  - {joint: hip}"]
 
 
 def test_the_zero_of_a_geared_motor() -> None:
