@@ -1,16 +1,17 @@
 #!/usr/bin/env -S python3 -P
-"""What a robot that falls meets on the ground: braced, as it is deployed, against damped, stiff and slack.
+"""What a robot that falls meets on the ground: as it is deployed, against damped at once, stiff and slack.
 
 benchmarks/falls.py --seeds 4 --json F
 The bundled actors are kicked in MuJoCo until a rule trips. From there each way down begins at the same state.
-Stiff: the actor's last targets and gains. Kicks that are balanced are left out.
+Deployed: braced, but for a fall that trips another rule first. Stiff: the actor's last targets and gains.
+Kicks that are balanced are left out.
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import repeat
 
 import mujoco
 import numpy as np
@@ -21,7 +22,6 @@ from core.command import guarded
 from core.files import check_output_file, write_json
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.bracing import bracing_for
 from deploy.episode import place_at_reference
 from deploy.settings import DeploySettings, load_settings
 from hal.simulated.mujoco import MujocoBackend
@@ -85,53 +85,54 @@ def _part(body: str) -> str | None:
     return next((part for part, names in PARTS.items() if any(name in body for name in names)), "legs")
 
 
-def ways(robot: Robot, settings: DeploySettings, last: JointCommand) -> Mapping[str, Iterator[JointCommand]]:
-    """Each way down as what the joints are told in each control period from the trip on."""
-    zero, damping = np.zeros(robot.num_joints), damping_command(robot.damping_kd)
-
-    def braced() -> Iterator[JointCommand]:
-        bracing = bracing_for(robot, settings.bracing, PERIOD_S)
-        while bracing is not None and not bracing.done:
-            wish = bracing.wish()
-            yield JointCommand(wish.target_rad, zero, wish.kp, wish.kd, zero)
-        yield from repeat(damping)
-
-    slack = JointCommand(zero, zero, zero, zero, zero)
-    return {"braced": braced(), "damped": repeat(damping), "stiff": repeat(last), "slack": repeat(slack)}
-
-
 def landings(
     name: str, kick_tick: int, velocity_xy: tuple[float, float], seed: int, *, randomize: bool
-) -> dict[str, Landing]:
-    """Kick, wait for a rule to trip, then go down each way from there. Empty where nothing trips."""
+) -> tuple[str, dict[str, Landing]]:
+    """Kick, wait for a rule to trip, then go down each way from there. The rule; empty where nothing trips."""
     robot, settings = _rig()
     actor, clock = load_run(name, None, robot, settings.entry), SimulatedClock()
     options = replace(load_sim_options("default"), randomize=randomize)
     found: dict[str, Landing] = {}
     with MujocoBackend(robot, clock, options, control_period_s=PERIOD_S, gantry=False, scene=actor.scene) as backend:
         place_at_reference(backend, actor, START_NOISE_RAD, np.random.default_rng(seed))
-        last = _until_trip(backend, Cell(robot, settings, [actor]), kick_tick, velocity_xy)
-        if last is None:
-            return found
+        cell = Cell(robot, settings, [actor])
+        last, first = _until_trip(backend, cell, kick_tick, velocity_xy)
+        if last is None or cell.machine.fault is None:
+            return "", found
+        rule, zero, damping = cell.machine.fault.rule, np.zeros(robot.num_joints), damping_command(robot.damping_kd)
+        slack = JointCommand(zero, zero, zero, zero, zero)
+        ways: Mapping[str, Callable[[], JointCommand]] = {
+            "deployed": lambda: (first.pop() if first else cell.tick(backend.read()).command) or damping,
+            "damped": lambda: damping,
+            "stiff": lambda: last,
+            "slack": lambda: slack,
+        }
         model, data, physics = backend.model, backend.data, mujoco.mjtState.mjSTATE_FULLPHYSICS
         there = np.empty(mujoco.mj_stateSize(model, physics))
         mujoco.mj_getState(model, data, there, physics)
-        for way, commands in ways(robot, settings, last).items():
+        for way, told in ways.items():
             mujoco.mj_setState(model, data, there, physics)
-            found[way] = Landing()
-            backend.on_advance = found[way].see
-            for step in range(round(LANDS_S / STEP_S)):
-                if step % round(PERIOD_S / STEP_S) == 0:
-                    command = next(commands)
-                backend.write(command)
-                clock.sleep_until(clock.now_s() + STEP_S)
-    return found
+            found[way] = _land(backend, told)
+    return rule, found
+
+
+def _land(backend: MujocoBackend, told: Callable[[], JointCommand]) -> Landing:
+    """Two seconds of what the joints are told in each control period, seen at every millisecond."""
+    landing = Landing()
+    backend.on_advance = landing.see
+    for _ in range(round(LANDS_S / PERIOD_S)):
+        backend.write(told())
+        for _ in range(round(PERIOD_S / STEP_S)):
+            backend.clock.sleep_until(backend.clock.now_s() + STEP_S)
+            backend.read()
+    backend.on_advance = None
+    return landing
 
 
 def _until_trip(
     backend: MujocoBackend, cell: Cell, kick_tick: int, velocity_xy: tuple[float, float]
-) -> JointCommand | None:
-    """The last command before a rule tripped, None where none did."""
+) -> tuple[JointCommand | None, list[JointCommand | None]]:
+    """The last command before a rule tripped, None where none did; and that of the tick in which it did."""
     cell.start_tracking()
     last = None
     for tick in range(kick_tick + round(PLAYS_S / PERIOD_S)):
@@ -139,11 +140,11 @@ def _until_trip(
             backend.data.qvel[:2] += velocity_xy
         result = cell.tick(backend.read())
         if result.fault is not None or result.command is None:
-            return last
+            return last, [result.command]
         last = result.command
         backend.write(last)
         backend.clock.sleep_until(backend.clock.now_s() + PERIOD_S)
-    return None
+    return None, []
 
 
 @cache
@@ -161,7 +162,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     check_output_file("--json", given.json)
     tried = [landings(*fall, seed, randomize=given.randomize) for fall in FALLS for seed in range(given.seeds)]
-    falls = [fall for fall in tried if fall]
+    falls = [fall for _, fall in tried if fall]
+    print(f"tripped by {dict(Counter(rule for rule, _ in tried if rule))}, {len(tried) - len(falls)} balanced")
     rows = []
     for way in falls[0] if falls else ():
         figures = [fall[way].figures() for fall in falls]

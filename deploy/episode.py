@@ -132,7 +132,7 @@ def place_at_reference(backend: Placeable, actor: ActorRun, start_noise_rad: flo
 
 
 class FallWatch:
-    """An observer: has the root been less than 0.3 m above the scene while the gantry did not hold it?"""
+    """An observer: has the root been less than 0.3 m above the scene, without a gantry, before any rule tripped?"""
 
     def __init__(self, backend: MujocoBackend) -> None:
         self._backend = backend
@@ -140,7 +140,9 @@ class FallWatch:
 
     def __call__(self, state: RobotState | None, result: TickResult, timer: PhaseTimer) -> None:
         """See Observer."""
-        if state is not None and state.truth is not None and has_fallen(state.truth, self._backend.scene):
+        if result.fault is not None or state is None or state.truth is None:
+            return
+        if has_fallen(state.truth, self._backend.scene):
             self.fell = self.fell or not self._backend.gantry_attached
 
 

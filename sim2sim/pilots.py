@@ -7,8 +7,8 @@ import numpy as np
 
 from core.errors import InputError
 from deploy.goals.guard import GoalGuard, Steer
+from deploy.goals.settings import GoalSettings, PointRange
 from deploy.goals.way import AT_REST, Way
-from deploy.settings import GoalSettings, PointRange
 
 KEEPS_S = (2.0, 4.0)  # how long a stick, or a hand's place, stays where it is
 RESTS = 0.2  # share of the times in which a stick is at rest

@@ -1,8 +1,11 @@
 """A body that falls: the joints go to a pose that gives way, softly, until it has landed."""
 
+import numpy as np
+
 from core.structured import one_of, within
 from deploy.safety.rules import Wish
 from deploy.settings import BracingSettings
+from hal.contract.types import RobotState
 from robot.robot import Robot
 
 FALLING = frozenset({"tilt", "base_rate"})
@@ -10,13 +13,18 @@ FALLING = frozenset({"tilt", "base_rate"})
 
 
 class Bracing:
-    """Each tick's targets are the pose of the settings, with a share of the robot's own kp and with its damping."""
+    """The targets are the pose of the settings, with a share of the robot's own kp and with its damping.
+
+    A target that is far away is brought nearer: the spring pulls with a share of the joint's torque limit at most, for
+    the sake of who holds the robot, and of a joint that is not what it says.
+    """
 
     def __init__(self, robot: Robot, settings: BracingSettings, period_s: float) -> None:
         pose_rad = robot.default_pos_rad.copy()
         for name, rad in settings.pose_rad.items():
             pose_rad[robot.joint_names.index(name)] = rad
-        self._wish = Wish(pose_rad, settings.stiffness * robot.kp, robot.damping_kd)
+        self._pose_rad, self._kp, self._kd = pose_rad, settings.stiffness * robot.kp, robot.damping_kd
+        self._stretch_rad = settings.torque_share * robot.torque_limit_nm / self._kp
         self._ticks = max(1, round(settings.lands_s / period_s))
         self._tick = 0
 
@@ -29,10 +37,12 @@ class Bracing:
         """Whether it must have landed."""
         return self._tick >= self._ticks
 
-    def wish(self) -> Wish:
+    def wish(self, state: RobotState) -> Wish:
         """Targets and gains of this tick."""
         self._tick += 1
-        return self._wish
+        now_rad = state.joint_pos_rad
+        target_rad = np.clip(self._pose_rad, now_rad - self._stretch_rad, now_rad + self._stretch_rad)
+        return Wish(target_rad, self._kp, self._kd)
 
 
 def bracing_for(robot: Robot, settings: BracingSettings | None, period_s: float) -> Bracing | None:

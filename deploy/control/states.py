@@ -145,7 +145,7 @@ class StateMachine:
         if self.mode is Mode.LOWERING and self._lowering is not None:
             return self._lowering.wish(state)
         if self.mode is Mode.BRACING and self._bracing is not None:
-            return self._bracing.wish()
+            return self._bracing.wish(state)
         if self.active is None:
             return None
         self.output = self.active.act(state, lap)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deploy.settings import GoalSettings
+from deploy.goals.settings import GoalSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,12 @@ from deploy.goals.option import GoalOption, parse_goal
 from deploy.goals.points import PointGuard
 from deploy.goals.ranges import narrowed
 from deploy.goals.script import ScriptGoal, Step, load_script
+from deploy.goals.settings import GoalSettings
 from deploy.goals.steering import SteerGoal
 from deploy.goals.udp import UdpPort
 from deploy.operator.sticks import Sticks
 from deploy.options import RunOptions
-from deploy.settings import DeploySettings, GoalSettings
+from deploy.settings import DeploySettings
 from motion.clip_set import open_clips
 from motion.reference import Reference
 from motion.tables import with_tables

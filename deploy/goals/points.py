@@ -11,7 +11,7 @@ from core.rotations import (
     quat_to_rotvec,
     yaw_quat,
 )
-from deploy.settings import GoalSettings
+from deploy.goals.settings import GoalSettings
 from motion.reference import Reference
 from policy.goals import POINTS
 from robot.robot import Robot

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from deploy.settings import AxisSettings, GoalSettings
+from deploy.goals.settings import AxisSettings, GoalSettings
 from motion.steering import AXES, steering_range_from
 
 UNITS = ("m/s", "m/s", "rad/s")

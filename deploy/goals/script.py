@@ -16,11 +16,11 @@ from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.option import SHOWN, WHOLE
 from deploy.goals.points import PointGuard
+from deploy.goals.settings import GoalSettings
 from deploy.goals.source import Goal
 from deploy.goals.steering import SteeredRows
 from deploy.goals.way import AT_REST, Way, directions_rad, lengths_m
 from deploy.safety.rules import Asked
-from deploy.settings import GoalSettings
 from motion.clip import Clip
 from motion.reference import Reference
 from motion.steering import AXES

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from deploy.goals.guard import GoalGuard, Steer
-from deploy.settings import AxisSettings, GoalSettings
+from deploy.goals.settings import AxisSettings, GoalSettings
 
 AT_REST = Steer(0.0, 0.0, 0.0)
 REACHED_M = 0.03  # so near to a point where it stops,

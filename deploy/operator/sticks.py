@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from deploy.goals.guard import NOBODY, Steer
-from deploy.settings import AxisSettings, GoalSettings
+from deploy.goals.settings import AxisSettings, GoalSettings
 
 # By how much of the way to the end of its range a key moves an axis: forward, left, turn to the left.
 STEER_KEYS: Mapping[str, tuple[float, float, float]] = {

@@ -5,6 +5,7 @@ import pickle
 import signal
 import socket
 import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,13 +48,17 @@ class End:
 
 
 class Keeper:
-    """The last ticks, and the incidents that they are written as. say: where a file is, or why there is none."""
+    """The last ticks, and the incidents that they are written as, each by a thread: ticks go on coming meanwhile.
+
+    say: where a file is, or why there is none.
+    """
 
     def __init__(self, keeping: Keeping, say: Callable[[str], None]) -> None:
         self._keeping, self._say = keeping, say
         self._ticks: deque[list[Message]] = deque(maxlen=keeping.ticks)
         self._due: int | None = None
-        self._fault: str | None = None
+        self._fault = ""
+        self._writers: list[threading.Thread] = []
 
     def take(self, tick: KeptTick) -> None:
         """Keep a tick; write where one is due after a trip."""
@@ -66,19 +71,22 @@ class Keeper:
         self._due -= 1
         if self._due <= 0:
             self._due = None
-            self._write(str(self._fault))
+            self._writers.append(threading.Thread(target=self._write, args=(list(self._ticks), self._fault)))
+            self._writers[-1].start()
 
     def end(self, reason: str | None) -> None:
-        """The run is over: write what is due, or what ended it."""
+        """The run is over: write what is due, or what ended it, and wait for all that is being written."""
+        for writer in self._writers:
+            writer.join()
         if self._ticks and (self._due is not None or reason is not None):
-            self._write(self._fault or str(reason))
+            self._write(list(self._ticks), self._fault if self._due is not None else str(reason))
 
-    def _write(self, reason: str) -> None:
+    def _write(self, ticks: list[list[Message]], reason: str) -> None:
         keeping = self._keeping
         try:
             file = McapFile(keeping.folder, keeping.joint_names, {**keeping.about, "reason": reason})
             try:
-                for messages in self._ticks:
+                for messages in ticks:
                     for message in messages:
                         file.add(message)
                 file.finish()
@@ -89,7 +97,7 @@ class Keeper:
         except (OSError, ValueError) as error:
             self._say(f"the last seconds could not be kept: {error}")
         else:
-            self._say(f"the last {len(self._ticks)} ticks are in {file.path}")
+            self._say(f"the last {len(ticks)} ticks are in {file.path}")
 
 
 def main() -> None:

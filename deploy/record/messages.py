@@ -29,6 +29,7 @@ class TickMessages:
     ) -> None:
         self._remote, self._statistics = remote, statistics
         self._fault: Fault | None = None
+        self._finishing = False
         self._last_ns = 0
         self._second = -1
 
@@ -53,6 +54,9 @@ class TickMessages:
         events += [("state", mode.value) for mode in result.modes]
         events += [("refused", refusal) for refusal in result.refused]
         events += [] if result.lowered_by is None else [("lowered", result.lowered_by)]
+        if result.finishing and not self._finishing:
+            events.append(("ending", "waits until the robot can be lowered"))
+        self._finishing = result.finishing
         if result.fault is not self._fault:
             self._fault = result.fault
             events.append(("fault", str(result.fault or "cleared")))

@@ -14,7 +14,10 @@ def ticks_of(lasting_s: float, period_s: float) -> int:
 
 
 def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: TripRule) -> tuple[TripRule, ...]:
-    """All rules that look at a state, in the order in which they are asked. gate: that on what is believed of it."""
+    """All rules that look at a state, in the order in which they are asked. gate: that on what is believed of it.
+
+    A fall comes before what it does to the joints: it is answered otherwise.
+    """
 
     def ticks(lasting_s: float) -> int:
         return ticks_of(lasting_s, period_s)
@@ -35,10 +38,10 @@ def trip_rules(robot: Robot, safety: SafetySettings, period_s: float, gate: Trip
         health.Stale(robot, s.stale.trip_periods * period_s - CLOCK_GRAIN_S),
         health.Temperature(robot, s.temperature.max_c, ticks(s.temperature.for_s)),
         *winding,
-        body.PositionRange(robot, s.position_range.margin_rad, ticks(s.position_range.for_s)),
-        body.JointSpeed(robot, s.joint_speed, ticks(s.joint_speed.for_s)),
         body.Tilt(s.tilt, ticks(s.tilt.for_s)),
         body.BaseRate(s.base_rate, ticks(s.base_rate.for_s)),
+        body.PositionRange(robot, s.position_range.margin_rad, ticks(s.position_range.for_s)),
+        body.JointSpeed(robot, s.joint_speed, ticks(s.joint_speed.for_s)),
         body.TorqueSaturation(
             robot, s.torque_saturation.factor, s.torque_saturation.joints, ticks(s.torque_saturation.for_s)
         ),

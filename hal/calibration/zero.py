@@ -107,7 +107,8 @@ def _with_zero(line: str, zero_rad: float) -> str | None:
     entry, comment = re.fullmatch(r"([^#]*)(.*)", line, flags=re.DOTALL).groups()  # type: ignore[union-attr]
     if len(re.findall(r"\bzero_rad:", entry)) == 1:
         return re.sub(r"(\bzero_rad:\s*)[-+.\deE]+", rf"\g<1>{zero_rad:.4f}", entry) + comment
-    if "zero_rad" in entry or not (closed := re.fullmatch(r"(.*)(\}\s*)", entry, flags=re.DOTALL)):
+    closed = re.fullmatch(r"([^{}]*\{[^{}]*?)(,?\s*\}\s*)", entry, flags=re.DOTALL)
+    if "zero_rad" in entry or closed is None:
         return None
     return f"{closed[1]}, zero_rad: {zero_rad:.4f}{closed[2]}{comment}"
 

@@ -35,15 +35,24 @@ def test_a_robot_that_an_actor_balances_braces_for_a_second_and_is_damped_then(t
     assert all((result.command is None) == (result.mode is Mode.DAMPING) for result in results)
 
 
-def test_the_joints_are_sent_to_the_pose_with_a_fifth_of_their_stiffness(falling):
+def test_the_joints_are_sent_to_the_pose_with_a_fifth_of_their_stiffness_and_at_most_half_their_torque(falling):
+    """From the default pose: a shoulder at 0.2 may be pulled by 12.5 Nm at 20 Nm/rad, and not to -0.8."""
     command = falling(reading=LEANING).command
     np.testing.assert_allclose(command.kp, 0.2 * ROBOT.kp)
     np.testing.assert_array_equal(command.kd, ROBOT.damping_kd)
     for side in ("left", "right"):
-        sent = [
-            command.q_rad[column(f"{side}_{part}_joint")] for part in ("hip_pitch", "knee", "elbow", "shoulder_roll")
-        ]
+        parts = ("hip_pitch", "knee", "elbow", "shoulder_roll")
+        sent = [command.q_rad[column(f"{side}_{part}_joint")] for part in parts]
         assert sent == [-0.4, 0.8, 0.6, 0.2 if side == "left" else -0.2]
+        assert command.q_rad[column(f"{side}_shoulder_pitch_joint")] == pytest.approx(0.2 - 12.5 / 20.0)
+    assert command.q_rad[column("waist_pitch_joint")] == 0.3
+
+
+def test_a_joint_that_is_held_elsewhere_is_never_pulled_harder(falling):
+    stuck = replace(LEANING, joint_pos_rad=0.9 * ROBOT.pos_upper_rad)
+    command = falling(reading=stuck).command
+    pulled_nm = np.abs(command.kp * (command.q_rad - stuck.joint_pos_rad))
+    assert (pulled_nm <= 0.5 * ROBOT.torque_limit_nm + 1e-9).all() and pulled_nm.max() > 20.0
 
 
 def test_a_body_that_turns_too_fast_braces_too(tmp_path):
@@ -95,7 +104,7 @@ def test_a_body_that_lands_may_break_the_rules_of_one_that_stands(falling):
     for _ in range(20):
         assert falling.guard.check(make_sample(tumbling), moving=True, falling=True) is None
     faults = [falling.guard.check(make_sample(tumbling), moving=True) for _ in range(20)]
-    assert faults[-1] is not None and faults[-1].rule == "position_range"
+    assert faults[-1] is not None and faults[-1].rule == "tilt"
 
 
 def test_an_operator_damps_at_once_and_an_orderly_end_lets_it_land(falling):
@@ -111,8 +120,9 @@ def test_another_robot_is_damped_and_a_pose_out_of_reach_is_refused():
         bracing_for(ROBOT, replace(settings, pose_rad=settings.pose_rad | {"fin_joint": 0.1}), PERIOD_S)
     with pytest.raises(InputError, match=r"left_knee_joint.*3\.1"):
         bracing_for(ROBOT, replace(settings, pose_rad=settings.pose_rad | {"left_knee_joint": 3.1}), PERIOD_S)
-    with pytest.raises(InputError, match="stiffness"):
-        replace(settings, stiffness=0.5)
+    for change in ({"stiffness": 0.5}, {"stiffness": 0.0}, {"torque_share": 0.6}, {"lands_s": 2.1}):
+        with pytest.raises(InputError, match=next(iter(change))):
+            replace(settings, **change)
 
 
 def test_without_bracing_a_fall_is_damped_at_once(tmp_path):

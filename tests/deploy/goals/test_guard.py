@@ -8,7 +8,7 @@ import pytest
 
 from core.errors import InputError
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
-from deploy.settings import AxisSettings
+from deploy.goals.settings import AxisSettings
 from tests.deploy.toys import PERIOD_S, SETTINGS
 
 GOALS = SETTINGS.goals

@@ -16,8 +16,8 @@ from deploy.goals.clip import ClipGoal
 from deploy.goals.guard import NOBODY, GoalGuard, Steer
 from deploy.goals.message import LARGEST, decode, encode, encode_points
 from deploy.goals.points import TRACKED, PointGuard
+from deploy.goals.settings import PointRange
 from deploy.goals.steering import SteerGoal
-from deploy.settings import PointRange
 from motion.reference import Reference
 from motion.steering import steering_of
 from policy.goals import visible_in

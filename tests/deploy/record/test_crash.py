@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import yaml
@@ -222,6 +223,15 @@ def test_nothing_is_kept_of_a_run_that_ended_well_and_everything_of_one_that_rai
     assert read_log(max((tmp_path / "incidents").iterdir())).about["reason"] == "ZeroDivisionError('here')"
 
 
+def test_what_ended_a_run_is_the_reason_and_no_trip_of_long_ago(tmp_path):
+    said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
+    with pytest.raises(ZeroDivisionError), ring(tmp_path / "incidents", said) as kept:
+        ticks(kept, 0, 105, tick, faults=("motor_fault:left_knee_joint",))
+        raise ZeroDivisionError("here")
+    reasons = sorted(read_log(path).about["reason"] for path in (tmp_path / "incidents").iterdir())
+    assert reasons == ["ZeroDivisionError('here')", "device_fault: motor_fault:left_knee_joint"] and len(said) == 2
+
+
 @pytest.mark.real_time
 def test_a_killed_run_without_a_log_leaves_its_last_seconds(actor, tmp_path):
     """Killed while it tracks: nothing of its own can act any more. The keeper is deaf to what a terminal sends."""
@@ -233,6 +243,9 @@ def test_a_killed_run_without_a_log_leaves_its_last_seconds(actor, tmp_path):
     run = subprocess.Popen(command, text=True, env=ENVIRONMENT, start_new_session=True, **streams)
     wait_for(run, "TRACKING")
     time.sleep(1.5)
+    (keeper,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(int(keeper), number)
     killed_s = time.monotonic()
     os.killpg(run.pid, signal.SIGKILL)
     _, error = run.communicate(timeout=60)

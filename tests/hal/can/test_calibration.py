@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from core.errors import InputError
 from hal.calibration import bench as bench_module
@@ -307,6 +308,7 @@ def test_a_joint_that_moves_cannot_be_zeroed() -> None:
         "motors:\n  - joint: left_knee_joint\n    id: 1\n",
         "motors:\n  - {joint: left_knee_joint, id: 1}\n  - {joint: left_knee_joint, id: 2}\n",
         "motors:\n  - {joint: left_knee_joint, zero_rad: 0.1, zero_rad: 0.2}\n",
+        "motors: {left: {joint: left_knee_joint, id: 1}}\n",
         "motors:\n  - {joint: left_knee_joint_2, id: 1}  # joint: left_knee_joint\n",
     ],
 )
@@ -318,13 +320,15 @@ def test_a_file_without_a_single_line_is_not_touched(tmp_path: Path, text: str) 
     assert path.read_text() == text
 
 
-def test_a_line_without_a_zero_gets_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", ["}", " }", ",}", ", }"])
+def test_a_line_without_a_zero_gets_one(tmp_path: Path, end: str) -> None:
     path = tmp_path / "robot.yaml"
-    path.write_text("motors:\n  - {joint: left_knee_joint, id: 1}   # was {zero_rad: 3}\n  - {joint: hip}\n")
+    path.write_text(f"motors:\n  - {{joint: left_knee_joint, id: 1{end}   # was {{zero_rad: 3}}\n  - {{joint: hip}}\n")
     zero.write_zero(path, KNEE, -0.25)
     found = path.read_text().splitlines()
-    assert found[1] == "  - {joint: left_knee_joint, id: 1, zero_rad: -0.2500}   # was {zero_rad: 3}"
-    assert [found[0], *found[2:]] == ["motors:", "  - {joint: hip}"]
+    assert found[1].endswith("   # was {zero_rad: 3}") and [found[0], *found[2:]] == ["motors:", "  - {joint: hip}"]
+    expected = [{"joint": "left_knee_joint", "id": 1, "zero_rad": -0.25}, {"joint": "hip"}]
+    assert yaml.safe_load(path.read_text()) == {"motors": expected}
 
 
 def test_the_zero_of_a_geared_motor() -> None:
