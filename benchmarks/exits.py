@@ -26,9 +26,12 @@ from core.command import guarded
 from core.files import check_output_file, write_json
 from deploy.actors import load_run
 from deploy.cell import Cell
-from deploy.control.modes import Request
+from deploy.control.modes import Mode, Request
+from deploy.control.states import StateMachine
 from deploy.operator.console import Console
+from deploy.operator.keys import RequestSource
 from deploy.operator.voice import Voice
+from deploy.safety.rules import Fault
 from deploy.settings import load_settings
 from hal.emulator.control import ControlClient
 from hal.emulator.launch import Emulator, launch_emulator
@@ -73,6 +76,19 @@ class Words:
         return ()
 
 
+class Falls:
+    """No robot falls on its gantry. This one is taken for falling as soon as it is balanced."""
+
+    def __init__(self, machine: StateMachine) -> None:
+        self._machine = machine
+
+    def poll(self) -> Sequence[Request]:
+        """See RequestSource."""
+        if self._machine.mode is Mode.READY:
+            self._machine.trip(Fault("tilt", "as if it fell"))
+        return ()
+
+
 class ElsewhereLaunched(Emulator):
     """The emulator of the process that strikes: what a loop needs of it."""
 
@@ -88,10 +104,8 @@ def loop(wire: str, emulator: Emulator, state: str) -> None:
     stale = replace(safety.stale, limit_periods=PATIENT_PERIODS, trip_periods=PATIENT_PERIODS)
     overrun = replace(safety.inference_overrun, periods=PATIENT_PERIODS)
     settings = replace(settings, safety=replace(safety, stale=stale, inference_overrun=overrun))
-    if state == "BRACING":  # no robot falls on its gantry: one that leans by a hair counts as falling, for long
-        assert settings.bracing is not None
-        touchy = replace(settings.safety, tilt=replace(safety.tilt, away_rad=1e-4))
-        settings = replace(settings, safety=touchy, bracing=replace(settings.bracing, lands_s=2.0))
+    if settings.bracing is not None:  # as long as may be: it must still last when it is struck
+        settings = replace(settings, bracing=replace(settings.bracing, lands_s=2.0))
     actors = [load_run(name, None, robot, settings.entry) for name in ("taichi", "stand")]
     cell = Cell(robot, settings, actors[:1], actors[1], fixed_stand=state == "FIXED_STAND")
     with open_backend(wire, robot, clock, emulator=emulator) as backend, realtime(lambda _: None):
@@ -99,7 +113,8 @@ def loop(wire: str, emulator: Emulator, state: str) -> None:
         time.sleep(DRIVES_S)
         console = Console(Voice(), backend, clock, refusals=False)
         print("IDLE", flush=True)
-        cell.loop(backend, clock, plan=None, operators=[Words()], observers=[console]).run()
+        operators: list[RequestSource] = [Words(), *([Falls(cell.machine)] if state == "BRACING" else [])]
+        cell.loop(backend, clock, plan=None, operators=operators, observers=[console]).run()
 
 
 @contextlib.contextmanager
