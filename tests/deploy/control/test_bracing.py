@@ -8,7 +8,8 @@ import pytest
 from core.errors import InputError
 from deploy.control.bracing import bracing_for
 from deploy.control.modes import Mode, Request
-from deploy.safety.rules import make_sample
+from deploy.safety.guard import Guard
+from deploy.safety.rules import Fault, make_sample
 from hal.contract.types import LinkLost
 from tests.deploy.control.test_states import FAST, LEANING, Stage
 from tests.deploy.toys import PERIOD_S, ROBOT, SETTINGS, state, with_joint
@@ -60,6 +61,13 @@ def test_a_body_that_turns_too_fast_braces_too(tmp_path):
     turning = state(imu_ang_vel_b=np.array([0.0, 7.0, 0.0]))
     assert [stage(reading=turning).mode for _ in range(3)][-1] is Mode.BRACING
     assert stage.machine.fault.rule == "base_rate"
+
+
+@pytest.mark.parametrize("rule", sorted(set(Guard(ROBOT, SETTINGS, PERIOD_S).counts) - {"tilt", "base_rate"}))
+def test_no_other_rule_braces_a_joint_that_runs_away_least_of_all(tmp_path, rule):
+    machine = Stage(tmp_path).bring_to(Mode.TRACKING).machine
+    machine.trip(Fault(rule, "as the guard says it"))
+    assert machine.mode is Mode.DAMPING and machine.advance(LEANING) is None
 
 
 @pytest.mark.parametrize("mode", [Mode.DAMPING, Mode.STAND_UP, Mode.FIXED_STAND, Mode.LOWERING])

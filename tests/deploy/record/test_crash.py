@@ -188,6 +188,7 @@ def test_a_keeper_that_hangs_holds_no_tick_up_and_has_the_latest_ones_afterwards
     said, tick = [], Tick(StateMachine(ROBOT, None, [], SETTINGS, PERIOD_S), Guard(ROBOT, SETTINGS, PERIOD_S))
     with ring(tmp_path / "incidents", said) as kept:
         ticks(kept, 0, 10, tick)
+        assert os.sched_getscheduler(kept._keeper.pid) == os.SCHED_BATCH  # what wakes it up keeps its core
         kept._keeper.send_signal(signal.SIGSTOP)
         ticks(kept, 10, 700, tick)
         ticks(kept, 700, 701, tick, faults=("motor_fault:left_knee_joint",))
