@@ -1,6 +1,7 @@
 """What a device may expect of the commands that reach it, checked on its own side of the wire."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,10 +77,15 @@ class CommandChecks:
         for i in np.flatnonzero(least_nm > TORQUE_SLACK * limit_nm + ROUNDING_NM).tolist():
             self.add(time_s, "torque", int(joints[i]), f"{least_nm[i]:.2f} Nm, limit {limit_nm[i]:g}")
 
-    def take_up(self, joint: int, q_rad: float, kp: float) -> None:
-        """A motor that was slack or damped is driven: how stiffly, and how far from where it last said it was."""
+    def take_up(self, joint: int, q_rad: float, kp: float, before: Sequence[float]) -> None:
+        """A motor that was slack or damped is driven: how stiffly, and how far from where it last said it was.
+
+        before: q, dq, kp, ... of the command that it followed until then.
+        """
         pos_rad = float(self._reported[1, self._next[joint], joint])
-        self.taken_up[self._names[joint]] = {"kp": kp, "error_rad": q_rad - pos_rad}
+        self.taken_up[self._names[joint]] = {
+            "kp": kp, "error_rad": q_rad - pos_rad, "kp_before": before[2], "error_before_rad": before[0] - pos_rad,
+        }  # fmt: skip
 
     def add(self, time_s: float, kind: str, joint: int, detail: str) -> None:
         """Count a violation; the first ones are listed."""

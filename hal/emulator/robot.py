@@ -282,7 +282,7 @@ class EmulatedRobot:
         if mode != self._modes[order.joint]:
             self._modes[order.joint], self._since_s[order.joint] = mode, order.time_s
             if mode == 2:
-                self.checks.take_up(order.joint, q_rad, kp)
+                self.checks.take_up(order.joint, q_rad, kp, self._in_force[order.joint])
 
     def _jam(self) -> None:
         """Joints stuck by a fault, and free again."""

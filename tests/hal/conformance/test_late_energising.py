@@ -120,7 +120,9 @@ def test_the_first_driven_command_is_soft_and_where_the_joint_is(
     assert set(taken_up) == set(G1.joint_names)
     stiffness = {name: taken_up[name]["kp"] / kp for name, kp in zip(G1.joint_names, G1.kp.tolist())}
     assert max(stiffness.values()) <= SOFTEST, stiffness
-    errors = {name: abs(one["error_rad"]) for name, one in taken_up.items()}
-    assert max(errors.values()) <= NEAR_RAD, errors
+    assert {one["kp_before"] for one in taken_up.values()} == {0.0}
+    for which in ("error_rad", "error_before_rad"):
+        errors = {name: abs(one[which]) for name, one in taken_up.items()}
+        assert max(errors.values()) <= NEAR_RAD, (which, errors)
     assert machine.fault is None
     assert time.monotonic() - began_s > late_s + SETTINGS.stand_up.damping_s
