@@ -13,7 +13,7 @@ import onnxruntime
 
 from core.errors import InputError
 from policy.adapters.registry import read_foreign_spec
-from policy.graph import NEXT_STATE, STATE, check_graph
+from policy.graph import FRAME, NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
 from policy.observation import asks_for, observation_layout, spec_dims
 from policy.session import ORT_ERRORS, one_line, open_session
@@ -35,7 +35,8 @@ class Actor:
     """A loaded actor. ``sha256`` is that of the file; ``motion_npz`` the clip inside it, if any.
 
     ``action_name``: the graph's output that is the action. ``state_sizes``: what the graph carries from tick to tick,
-    by name; it comes in as ``state.NAME`` and goes out as ``next_state.NAME``.
+    by name; it comes in as ``state.NAME`` and goes out as ``next_state.NAME``. ``constant``: inputs without influence
+    on the action.
     """
 
     spec: ActorSpec
@@ -45,12 +46,13 @@ class Actor:
     session: onnxruntime.InferenceSession
     action_name: str
     state_sizes: Mapping[str, int]
+    constant: Mapping[str, np.ndarray]
 
     def infer(self, observations: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray] | None = None) -> Inference:
         """One tick: (n,) arrays per observation group and per name of ``state_sizes``; None: those of the start."""
         feed = {name: np.asarray(values, np.float32)[None] for name, values in observations.items()}
         carried = self.start_state() if state is None else state
-        feed |= {STATE + name: values[None] for name, values in carried.items()}
+        feed |= {STATE + name: values[None] for name, values in carried.items()} | dict(self.constant)
         action, *following = self.session.run([self.action_name, *map(NEXT_STATE.__add__, self.state_sizes)], feed)
         return Inference(action.reshape(-1), {n: v.reshape(-1) for n, v in zip(self.state_sizes, following)})
 
@@ -79,7 +81,9 @@ def load_actor(name_or_file: str | Path, robot: Robot, motion: MotionInfo | None
     session = open_session(content, path)
     spec, motion_npz = _read_spec(path, session, robot, motion)
     action_name, states = check_graph(path, spec, session)
-    actor = Actor(spec, hashlib.sha256(content).hexdigest(), motion_npz, path, session, action_name, states)
+    constant = {entry.name: np.zeros((1, 1), np.float32) for entry in session.get_inputs() if entry.name == FRAME}
+    sha256 = hashlib.sha256(content).hexdigest()
+    actor = Actor(spec, sha256, motion_npz, path, session, action_name, states, constant)
     _try_out(actor)
     return actor
 

@@ -15,7 +15,7 @@ from policy.actor import Actor
 from policy.attitude import filtered_gravity
 from policy.goals import visible_in
 from policy.history import ObservationHistory
-from policy.observation import asks_for, sample_terms, spec_dims, window_ticks
+from policy.observation import asks_for, bodies_looked_at, sample_terms, spec_dims, window_ticks
 from policy.reference import ReferenceMotion, ReferenceWindow, heading_difference_rad, window_at
 from policy.terms import ObservationInput
 from robot.robot import Robot
@@ -71,6 +71,9 @@ class PolicyController:
         follows_goals = asks_for(spec.observations, "goal_visible")
         self._filters = asks_for(spec.observations, "filtered_gravity")
         self._points = robot.tracked_index(robot.goal_points) if follows_goals else None
+        bodies = bodies_looked_at(spec.observations)
+        self._bodies = dict(zip(bodies, robot.body_index(bodies).tolist()))
+        self._robot = robot
         self._kp = self._robot_order(spec.kp, [joint.kp for joint in spec.held_joints])
         self._kd = self._robot_order(spec.kd, [joint.kd for joint in spec.held_joints])
         self._held_rad = [joint.pos_rad for joint in spec.held_joints]
@@ -110,21 +113,20 @@ class PolicyController:
         """
         base_quat = np.asarray(base_quat_wxyz, np.float64)
         ang_vel_b = np.asarray(base_ang_vel_b, np.float64)
-        samples = self._samples(
-            ObservationInput(
-                base_quat_wxyz=base_quat,
-                base_ang_vel_b=ang_vel_b,
-                joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
-                joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
-                last_action=self._last_action,
-                phase=np.array([phase], np.float64),
-                default_pos_rad=self.actor.spec.default_pos_rad,
-                filtered_gravity_b=self._filter(base_quat, ang_vel_b),
-                reference=self._window(base_quat, reference, tick, visible, turn_rad),
-                given=self._given(given),
-            )
+        seen = ObservationInput(
+            base_quat_wxyz=base_quat,
+            base_ang_vel_b=ang_vel_b,
+            joint_pos_rad=np.asarray(joint_pos_rad, np.float64)[self._to_actor],
+            joint_vel_rad_s=np.asarray(joint_vel_rad_s, np.float64)[self._to_actor],
+            last_action=self._last_action,
+            phase=np.array([phase], np.float64),
+            default_pos_rad=self.actor.spec.default_pos_rad,
+            filtered_gravity_b=self._filter(base_quat, ang_vel_b),
+            bodies_quat_wxyz=self._turned(base_quat, joint_pos_rad),
+            reference=self._window(base_quat, reference, tick, visible, turn_rad),
+            given=self._given(given),
         )
-        return self._infer(samples, lap or _no_lap)
+        return self._infer(self._samples(seen), lap or _no_lap)
 
     def _samples(self, state: ObservationInput) -> dict[str, np.ndarray]:
         return {name: sample_terms(history.terms, state) for name, history in self._histories.items()}
@@ -173,7 +175,17 @@ class PolicyController:
             own = NORTH if turn_rad is not None else reference.root_quat_wxyz[here]
             self._turn_rad = heading_difference_rad(base_quat, own)
         turn = self._turn_rad + (turn_rad or 0.0)
-        return window_at(reference, tick, self.window_ticks, self._to_actor, turn, points=self._points, visible=visible)
+        return window_at(
+            reference, tick, self.window_ticks, self._to_actor, turn, self._points, visible, bodies=self._bodies
+        )
+
+    def _turned(self, base_quat: np.ndarray, joint_pos_rad: np.ndarray) -> dict[str, np.ndarray]:
+        """How the bodies that terms look at are turned (4,), by the IMU and the joints."""
+        if not self._bodies:
+            return {}
+        joints = np.asarray(joint_pos_rad, np.float64)
+        quats = self._robot.kinematics.forward(np.zeros(3), base_quat, joints).quat_wxyz
+        return {name: quats[column] for name, column in self._bodies.items()}
 
     def _given(self, given: Mapping[str, Given]) -> dict[str, np.ndarray]:
         """What is in force of commands and maps."""

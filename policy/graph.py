@@ -14,6 +14,8 @@ from policy.spec import ActorSpec, ObservationGroup
 from policy.terms import TERMS
 
 STATE, NEXT_STATE = "state.", "next_state."
+# Trackers of other stacks hand out the frames of their motion: by the number of FRAME, beside the ACTION.
+FRAME, ACTION = "time_step", "actions"
 
 
 def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSession) -> tuple[str, dict[str, int]]:
@@ -24,7 +26,7 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
     if blind and not asks_for(spec.observations, "goal_visible"):
         got, expected = ", ".join(sorted(set(blind))), "goal_visible besides"
         raise InputError("terms look at a goal that may be hidden", where=path, got=got, expected=expected)
-    inputs = {entry.name: entry for entry in session.get_inputs() if not entry.name.startswith(STATE)}
+    inputs = {e.name: e for e in session.get_inputs() if not e.name.startswith(STATE) and e.name != FRAME}
     names = [group.name for group in spec.observations]
     if set(inputs) != set(names):
         got, expected = ", ".join(inputs), f"the spec's observation groups {', '.join(names)}"
@@ -37,7 +39,10 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
     outputs = [entry for entry in session.get_outputs() if not entry.name.startswith(NEXT_STATE)]
     if len(outputs) != 1:
         got = ", ".join(entry.name for entry in outputs)
-        raise InputError("graph outputs differ from the spec", where=path, got=got, expected="one, the action")
+        outputs = [entry for entry in outputs if entry.name == ACTION]
+    if not outputs:
+        expected = f"one, the action, or one of the name {ACTION!r}"
+        raise InputError("graph outputs differ from the spec", where=path, got=got, expected=expected)
     where = f"{path}: graph output {outputs[0].name!r}"
     _check_tensor(where, outputs[0], spec.num_joints, "the spec's joints")
     return outputs[0].name, _state_sizes(path, session)
@@ -46,7 +51,7 @@ def check_graph(path: Path, spec: ActorSpec, session: onnxruntime.InferenceSessi
 def _check_given(path: Path, group: ObservationGroup, dims: Mapping[str, int]) -> None:
     known = sorted(set(dims) - set(TERMS))
     for entry in group.terms:
-        if TERMS[entry.term].given and entry.of not in known:
+        if TERMS[entry.term].of == "given" and entry.of not in known:
             where = f"{path}: observation group {group.name!r}: {entry.term}: of"
             raise InputError("unknown name", where=where, got=entry.of, expected=", ".join(known) or "a declared name")
 

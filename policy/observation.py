@@ -39,7 +39,7 @@ def spec_dims(spec: ActorSpec) -> dict[str, int]:
 
 def entry_size(entry: ObservationTerm, dims: Mapping[str, int]) -> int:
     """How many numbers ``entry`` has at one lag; what is given has an entry of its own in ``dims``."""
-    if TERMS[entry.term].given:
+    if TERMS[entry.term].of == "given":
         return dims[entry.of]
     return dims[entry.term] * max(1, len(entry.ticks))
 
@@ -63,10 +63,10 @@ def check_terms(group: ObservationGroup, where: str | None = None) -> None:
                 "none, as the term does not look ahead" if entry.ticks else "one or more, as the term looks ahead"
             )
             raise InputError("do not fit the term", where=f"{at}: ticks", got=list(entry.ticks), expected=expected)
-        named = TERMS[entry.term].given or TERMS[entry.term].pointed
-        if named != bool(entry.of) or (TERMS[entry.term].pointed and entry.of not in POINTS):
-            points = f"one of {', '.join(POINTS)}" if TERMS[entry.term].pointed else "the name of a command or map"
-            expected = points if named else "nothing"
+        of = TERMS[entry.term].of
+        if bool(of) != bool(entry.of) or (of == "point" and entry.of not in POINTS):
+            names = {"": "nothing", "given": "the name of a command or map", "body": "the name of a body"}
+            expected = f"one of {', '.join(POINTS)}" if of == "point" else names[of]
             raise InputError("does not fit the term", where=f"{at}: of", got=repr(entry.of), expected=expected)
 
 
@@ -80,9 +80,15 @@ def asks_for(groups: Sequence[ObservationGroup], term: str) -> bool:
     return any(entry.term == term for group in groups for entry in group.terms)
 
 
+def bodies_looked_at(groups: Sequence[ObservationGroup]) -> tuple[str, ...]:
+    """Names of the bodies that terms of ``groups`` look at."""
+    names = (entry.of for group in groups for entry in group.terms if TERMS[entry.term].of == "body")
+    return tuple(dict.fromkeys(names))
+
+
 def looks_at_goal(entry: ObservationTerm) -> bool:
     """Whether the entry needs to know what an actor that follows goals is shown."""
-    return bool(entry.part) or TERMS[entry.term].pointed or entry.term == "goal_steer"
+    return bool(entry.part) or TERMS[entry.term].of == "point" or entry.term == "goal_steer"
 
 
 def reference_tables(groups: Sequence[ObservationGroup]) -> frozenset[str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,6 +29,7 @@ class ReferenceWindow:
     root_lin_vel_w: Array  # (..., K, 3)
     root_ang_vel_w: Array  # (..., K, 3)
     feedforward_rad: Array | None = None  # (..., K, J), from the joint positions to the targets that carry the motion
+    bodies_quat_wxyz: Mapping[str, Array] = field(default_factory=dict)  # (..., K, 4) of those that terms look at
     # For actors that follow goals, else None. Of P points and V parts: see policy.goals.
     points_m: Array | None = None  # (..., K, P, 3), from the scene's floor under the root now
     points_quat_wxyz: Array | None = None  # (..., K, P, 4)
@@ -74,11 +76,13 @@ def window_at(
     turn_rad: float = 0.0,
     points: np.ndarray | None = None,
     visible: np.ndarray | None = None,
+    bodies: Mapping[str, int] = MappingProxyType({}),
 ) -> ReferenceWindow:
     """What lies ``ticks`` ahead of ``tick``; beyond the clip's end its last pose, at rest.
 
     ``joints``: the actor's joints as columns of ``rows``. ``turn_rad``: the robot's heading minus the clip's when the
     actor took over. ``points``: of an actor that follows goals, the points as columns of ``rows``; ``visible`` (V,).
+    ``bodies``: columns of ``rows`` by name, of an actor that looks at bodies.
     """
     wanted = tick + np.array(ticks, dtype=int)
     index = np.minimum(wanted, len(rows.joint_pos_rad) - 1)
@@ -95,6 +99,7 @@ def window_at(
         root_lin_vel_w=rows.root_lin_vel_w[index] @ about_z.T * moving,
         root_ang_vel_w=rows.root_ang_vel_w[index] @ about_z.T * moving,
         feedforward_rad=None if rows.feedforward_rad is None else rows.feedforward_rad[index][:, joints],
+        bodies_quat_wxyz={name: quat_mul(turn, rows.body_quat_wxyz[index, column]) for name, column in bodies.items()},
         **({} if points is None else _goal(rows, tick, index, moving, turn_rad, turn, points, visible)),
     )
 

@@ -1,94 +1,17 @@
-"""Observation terms, defined once for training and robot.
-
-A term is a pure function of the robot's state, of what is given at run time, and of the reference some ticks ahead, on
-numpy or torch arrays with any leading dimensions.
-"""
+"""Observation terms, defined once for training and robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
 
 from core.errors import InputError
 from core.rotations import array_module, quat_conjugate, quat_mul, quat_rotate_inverse, two_axes, yaw_of, yaw_quat
 from core.rotations import projected_gravity as gravity_in_body
-from policy.goals import PARTS, POINTS
+from policy.goals import PARTS
 from policy.reference import ReferenceWindow
-from policy.spec import ObservationTerm
+from policy.term import TERMS, Array, ObservationInput, goal_of, register
 
-Array = Any  # np.ndarray or torch.Tensor
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-@dataclass(frozen=True)
-class ObservationInput:
-    """What terms may look at, in the actor's joint order; (...) are any leading dimensions.
-
-    ``last_action`` is the raw action (the graph's output) sent at the tick before.
-    """
-
-    base_quat_wxyz: Array  # (..., 4)
-    base_ang_vel_b: Array  # (..., 3) rad/s, base frame
-    joint_pos_rad: Array  # (..., J)
-    joint_vel_rad_s: Array  # (..., J)
-    last_action: Array  # (..., J)
-    phase: Array  # (..., 1) in [0, 1]
-    default_pos_rad: Array  # (J,)
-    filtered_gravity_b: Array | None = None  # (..., 3) of :func:`policy.attitude.filtered_gravity`
-    reference: ReferenceWindow | None = None  # what windowed terms look at
-    given: Mapping[str, Array] = field(default_factory=dict)  # commands and maps (..., n) by name
-    shared: dict[Any, Array] = field(default_factory=dict, init=False, repr=False, compare=False)  # of several terms
-
-
-@dataclass(frozen=True)
-class Term:
-    """A registered term: its function and its size, ``per_joint`` · J + ``constant``, for each tick if ``windowed``.
-
-    A ``given`` term hands on what is given at run time under the name that its use says: a command or a map. A
-    ``pointed`` one looks at the point of the body that its use names.
-    """
-
-    function: Callable[..., Array]
-    per_joint: int
-    constant: int
-    windowed: bool
-    given: bool
-    pointed: bool
-
-    def sample(self, entry: ObservationTerm, s: ObservationInput) -> Array:
-        """The unscaled value (..., n) of ``entry``, a use of this term; zero while its part of the goal is hidden."""
-        value = self._value(entry, s)
-        return _shown(value, s.reference, entry.part) if entry.part else value
-
-    def _value(self, entry: ObservationTerm, s: ObservationInput) -> Array:
-        if self.given:
-            return self.function(s, entry.of)
-        if self.pointed:
-            return self.function(s, entry.ticks, POINTS.index(entry.of))
-        return self.function(s, entry.ticks) if self.windowed else self.function(s)
-
-
-TERMS: dict[str, Term] = {}
-
-
-def register(
-    *, per_joint: int = 0, constant: int = 0, windowed: bool = False, given: bool = False, pointed: bool = False
-) -> Callable[[Function], Function]:
-    """Register the decorated function under its own name. ValueError if the name is taken.
-
-    A ``windowed`` term takes ``(s, ticks)`` and looks at the reference that many ticks ahead, tick by tick; a ``given``
-    one takes ``(s, name)``, a ``pointed`` one ``(s, ticks, point)``.
-    """
-
-    def add(function: Function) -> Function:
-        name = function.__name__
-        if name in TERMS:
-            raise ValueError(f"observation term {name!r} is registered twice")
-        TERMS[name] = Term(function, per_joint, constant, windowed or pointed, given, pointed)
-        return function
-
-    return add
+__all__ = ["TERMS", "ObservationInput"]
 
 
 @register(constant=3)
@@ -138,6 +61,13 @@ def reference_joint_pos(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """Joint positions of the reference relative to the default pose, tick by tick, rad."""
     window, columns = _window(s, ticks)
     return _flat(window.joint_pos_rad[..., columns, :] - s.default_pos_rad)
+
+
+@register(per_joint=1, windowed=True)
+def reference_joint_angle(s: ObservationInput, ticks: Sequence[int]) -> Array:
+    """Joint positions of the reference as they are, rad."""
+    window, columns = _window(s, ticks)
+    return _flat(window.joint_pos_rad[..., columns, :])
 
 
 @register(per_joint=1, windowed=True)
@@ -194,6 +124,18 @@ def reference_orientation(s: ObservationInput, ticks: Sequence[int]) -> Array:
     return _flat(two_axes(quat_mul(base, window.root_quat_wxyz[..., columns, :])))
 
 
+@register(constant=6, of="body")
+def reference_body_turn(s: ObservationInput, ticks: Sequence[int], body: str) -> Array:
+    """The reference's body seen from the robot's own: the first two columns of R(robot)ᵀ R(reference), row by row."""
+    window, columns = _window(s, ticks)
+    if body not in s.bodies_quat_wxyz:
+        raise InputError("a term looks at a body that nobody follows", where="reference_body_turn", got=body)
+    own = quat_conjugate(s.bodies_quat_wxyz[body])[..., None, :]
+    axes = two_axes(quat_mul(own, window.bodies_quat_wxyz[body][..., columns, :]))
+    by_row = axes.reshape(*axes.shape[:-1], 2, 3).swapaxes(-1, -2)
+    return _flat(by_row.reshape(axes.shape))
+
+
 @register(constant=3, windowed=True)
 def reference_lin_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """Velocity of the reference's root in its own heading frame, m/s."""
@@ -208,14 +150,14 @@ def reference_ang_vel(s: ObservationInput, ticks: Sequence[int]) -> Array:
     return _in_heading(window.root_ang_vel_w[..., columns, :], window.root_quat_wxyz[..., columns, :])
 
 
-@register(constant=3, pointed=True)
+@register(constant=3, of="point")
 def goal_point(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
     """Where a point of the reference is, seen from where its root is now, in the robot's heading frame; above the
     floor; m."""
     return _flat(_of_points(_places, s, ticks)[..., point, :])
 
 
-@register(constant=6, pointed=True)
+@register(constant=6, of="point")
 def goal_turn(s: ObservationInput, ticks: Sequence[int], point: int) -> Array:
     """How a point's body is turned in the robot's heading frame: x and y axes."""
     return _flat(_of_points(_axes, s, ticks)[..., point, :])
@@ -226,7 +168,7 @@ def goal_steer(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """Speed of the whole movement forward and to its left, m/s, and its turn, rad/s, in its own heading frame; sine and
     cosine of the angle from the robot's heading to its."""
     window, columns = _window(s, ticks)
-    steer = _goal(window.steer)[..., columns, :]
+    steer = goal_of(window.steer)[..., columns, :]
     angle = steer[..., 3] - yaw_of(s.base_quat_wxyz)[..., None]
     xp = array_module(angle)
     return _flat(xp.concatenate([steer[..., :3], xp.stack([xp.sin(angle), xp.cos(angle)], -1)], -1))
@@ -236,16 +178,16 @@ def goal_steer(s: ObservationInput, ticks: Sequence[int]) -> Array:
 def goal_visible(s: ObservationInput, ticks: Sequence[int]) -> Array:
     """Which parts of the goal are not hidden, 1 or 0; the same at every tick."""
     window, _ = _window(s, ticks)
-    return array_module(s.default_pos_rad).concatenate([_goal(window.visible)] * len(ticks), -1)
+    return array_module(s.default_pos_rad).concatenate([goal_of(window.visible)] * len(ticks), -1)
 
 
-@register(given=True)
+@register(of="given")
 def command(s: ObservationInput, name: str) -> Array:
     """What the operator asks for (..., n), in the order of the command's fields."""
     return s.given[name]
 
 
-@register(given=True)
+@register(of="given")
 def height_map(s: ObservationInput, name: str) -> Array:
     """Heights around the pelvis (..., n), row by row of the map's grid, m."""
     return s.given[name]
@@ -257,19 +199,6 @@ def _window(s: ObservationInput, ticks: Sequence[int]) -> tuple[ReferenceWindow,
     return s.reference, s.reference.columns(ticks)
 
 
-def _goal(values: Array | None) -> Array:
-    if values is None:
-        raise InputError("a term looks at a goal, but there is none", hint="give --goal")
-    return values
-
-
-def _shown(value: Array, window: ReferenceWindow | None, part: str) -> Array:
-    """Zero, whatever it was, where the part is hidden."""
-    column = PARTS.index(part)
-    seen = _goal(None if window is None else window.visible)[..., column : column + 1] > 0.5
-    return array_module(value).where(seen, value, 0.0)
-
-
 def _of_points(work: Callable[..., Array], s: ObservationInput, ticks: Sequence[int]) -> Array:
     """``work`` on all points at once, (..., K, P, n): terms differ by the point that they look at."""
     key = (work, tuple(ticks))
@@ -279,12 +208,12 @@ def _of_points(work: Callable[..., Array], s: ObservationInput, ticks: Sequence[
 
 
 def _places(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) -> Array:
-    return quat_rotate_inverse(yaw_quat(base_quat_wxyz), _goal(window.points_m)[..., columns, :, :])
+    return quat_rotate_inverse(yaw_quat(base_quat_wxyz), goal_of(window.points_m)[..., columns, :, :])
 
 
 def _axes(window: ReferenceWindow, columns: list[int], base_quat_wxyz: Array) -> Array:
     heading = quat_conjugate(yaw_quat(base_quat_wxyz))
-    return two_axes(quat_mul(heading, _goal(window.points_quat_wxyz)[..., columns, :, :]))
+    return two_axes(quat_mul(heading, goal_of(window.points_quat_wxyz)[..., columns, :, :]))
 
 
 def _flat(values: Array) -> Array:

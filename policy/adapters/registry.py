@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from core.errors import InputError
-from policy.adapters import pbhc
+from policy.adapters import mjlab, pbhc
 from policy.metadata import SPEC_KEY
 from policy.spec import ActorSpec
 
@@ -27,7 +27,7 @@ class Adapter(Protocol):
         ...
 
 
-ADAPTERS: tuple[Adapter, ...] = (pbhc,)
+ADAPTERS: tuple[Adapter, ...] = (pbhc, mjlab)
 
 
 def read_foreign_spec(path: Path, entries: Mapping[str, str], inputs: Sequence[str], robot_name: str) -> ActorSpec:

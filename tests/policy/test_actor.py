@@ -98,7 +98,8 @@ def test_what_is_no_model_is_refused(tmp_path):
     assert refusal(path).startswith(f"{path}: cannot be loaded (")
     write_graph(path)
     assert refusal(path) == (
-        f"{path}: not a known kind of actor, expected metadata 'actor_spec', or a PBHC config.yaml beside the file"
+        f"{path}: not a known kind of actor, expected metadata 'actor_spec', or a PBHC config.yaml beside the file, "
+        "or the flat metadata of an mjlab or BeyondMimic tracking actor"
     )
 
 

@@ -26,6 +26,7 @@ from policy.terms import TERMS, ObservationInput, register
 from tests.policy.toys import GROUP, SIZE
 
 TICKS = (1, 4, 6)
+NAMED = {"": "", "given": "steer", "point": "head", "body": "torso"}
 
 
 def random_quat(rng, *shape) -> np.ndarray:
@@ -44,6 +45,7 @@ def random_window(rng, batch, joints) -> ReferenceWindow:
         root_lin_vel_w=rng.normal(size=(*shape, 3)),
         root_ang_vel_w=rng.normal(size=(*shape, 3)),
         feedforward_rad=rng.normal(size=(*shape, joints)),
+        bodies_quat_wxyz={"torso": random_quat(rng, *shape)},
         points_m=rng.normal(size=(*shape, len(POINTS), 3)),
         points_quat_wxyz=random_quat(rng, *shape, len(POINTS)),
         steer=rng.normal(size=(*shape, 4)),
@@ -61,6 +63,7 @@ def random_input(rng, batch=(), joints=23) -> ObservationInput:
         phase=rng.uniform(size=(*batch, 1)),
         default_pos_rad=rng.normal(size=joints),
         filtered_gravity_b=rng.normal(size=(*batch, 3)),
+        bodies_quat_wxyz={"torso": random_quat(rng, *batch)},
         reference=random_window(rng, batch, joints),
         given={"steer": rng.normal(size=(*batch, 4))},
     )
@@ -79,8 +82,7 @@ def as_torch(torch, value):
 
 def entry_of(term: str) -> ObservationTerm:
     """A use of a term with all that it needs."""
-    of = "steer" if TERMS[term].given else "head" if TERMS[term].pointed else ""
-    return ObservationTerm(term, ticks=(1, 6) if TERMS[term].windowed else (), of=of)
+    return ObservationTerm(term, ticks=(1, 6) if TERMS[term].windowed else (), of=NAMED[TERMS[term].of])
 
 
 @pytest.mark.parametrize("term", sorted(TERMS))
@@ -108,7 +110,7 @@ def test_terms_mean_what_they_say():
         default_pos_rad=np.array([0.125, 0.5]),
         filtered_gravity_b=np.array([0.6, 0.0, -0.8]),
     )
-    looks_elsewhere = {name for name, term in TERMS.items() if term.windowed or term.given}
+    looks_elsewhere = {name for name, term in TERMS.items() if term.windowed or term.of == "given"}
     expected = {
         "base_ang_vel": [1.0, 2.0, 3.0],
         "projected_gravity": [1.0, 0.0, 0.0],
@@ -136,6 +138,7 @@ def test_terms_that_look_ahead_mean_what_they_say():
         root_lin_vel_w=np.array([[9.0, 9.0, 9.0], [-2.0, 0.0, 0.5]]),
         root_ang_vel_w=np.array([[9.0, 9.0, 9.0], [0.0, -3.0, 1.0]]),
         feedforward_rad=np.array([[9.0, 9.0], [0.0625, -0.5]]),
+        bodies_quat_wxyz={"torso": np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -half, 0.0, half]])},
         points_m=np.array([[[9.0] * 3] * 5, [[9.0] * 3, [9.0] * 3, [1.0, 0.0, 0.5], [9.0] * 3, [9.0] * 3]]),
         points_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (2, 5, 1)),
         steer=np.array([[9.0] * 4, [1.0, 0.5, 0.25, np.pi]]),
@@ -146,10 +149,12 @@ def test_terms_that_look_ahead_mean_what_they_say():
         base_quat_wxyz=np.array([half, 0.0, 0.0, half]),
         joint_pos_rad=np.array([0.75, -1.0]),
         default_pos_rad=np.array([0.125, 0.5]),
+        bodies_quat_wxyz={"torso": np.array([half, 0.0, 0.0, half])},
         reference=window,
     )
     expected = {
         "reference_joint_pos": [0.375, -0.25],
+        "reference_joint_angle": [0.5, 0.25],
         "reference_joint_vel": [-1.0, 4.0],
         "reference_joint_error": [-0.25, 1.25],
         "reference_feedforward": [0.0625, -0.5],
@@ -158,6 +163,7 @@ def test_terms_that_look_ahead_mean_what_they_say():
         "reference_gravity": [1.0, 0.0, 0.0],  # pitched forwards: down is where the body looks
         # Its x axis points down, (0, 0, -1) in the world; its y axis is the world's -y, the base's -x.
         "reference_orientation": [0.0, 0.0, -1.0, -1.0, 0.0, 0.0],
+        "reference_body_turn": [0.0, -1.0, 0.0, 0.0, -1.0, 0.0],  # the same two axes, row by row
         "reference_ang_vel": [0.0, 3.0, 1.0],
         "reference_lin_vel": [2.0, 0.0, 0.5],
         "goal_point": [0.0, -1.0, 0.5],  # of the head: the world's +x is on the right of who looks along +y
@@ -168,7 +174,7 @@ def test_terms_that_look_ahead_mean_what_they_say():
     assert set(expected) == {name for name, term in TERMS.items() if term.windowed}
     gimbal = {"reference_ang_vel", "reference_lin_vel", "reference_heading"}  # looking straight down has no heading
     for name in expected.keys() - gimbal:
-        use = ObservationTerm(name, ticks=(2,), of="head" if TERMS[name].pointed else "")
+        use = ObservationTerm(name, ticks=(2,), of=NAMED[TERMS[name].of])
         np.testing.assert_allclose(TERMS[name].sample(use, s), expected[name], atol=1e-15)
     upright = replace(window, root_quat_wxyz=np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]))
     for name in gimbal:
@@ -285,13 +291,15 @@ def test_batched_torch_observation_equals_the_robots():
     histories = [ObservationHistory(GROUP, dims) for _ in range(batch)]
     default = rng.normal(size=3)
     for _ in range(6):
-        s = replace(random_input(rng, (batch,), 3), default_pos_rad=default, reference=None, given={})
+        s = replace(
+            random_input(rng, (batch,), 3), default_pos_rad=default, reference=None, given={}, bodies_quat_wxyz={}
+        )
         sample = sample_terms(terms, as_torch(torch, s)).clip(-bound, bound)
         block = torch.cat([sample[:, None], block[:, :-1]], 1)
         got = layout.of(block.reshape(batch, -1)[:, torch.from_numpy(layout.index)])
         assert got.shape == (batch, SIZE)
         for env in range(batch):
-            shared = ("default_pos_rad", "reference", "given")
+            shared = ("default_pos_rad", "reference", "given", "bodies_quat_wxyz")
             one = ObservationInput(**{k: v if k in shared else v[env] for k, v in vars(s).items() if k != "shared"})
             expected = histories[env].push(sample_terms(terms, one))
             np.testing.assert_allclose(got[env].numpy(), expected, rtol=1e-6, atol=1e-7)

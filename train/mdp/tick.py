@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -102,7 +103,7 @@ class ReferenceTable:
         height_m = self.scene.height_at(places_m.cpu().numpy())
         return torch.as_tensor(height_m, dtype=places_m.dtype, device=places_m.device)
 
-    def _goal_at(self, index: torch.Tensor, here_m: torch.Tensor) -> dict[str, torch.Tensor]:
+    def _goal_at(self, index: torch.Tensor, here_m: torch.Tensor) -> dict[str, Any]:
         """Points and steering (B, K, ...) of table rows (B, K); places along the ground from ``here_m`` (B, 3)."""
         assert self._goal is not None
         points, steer = self._goal[index].split([self._goal.shape[1] - STEERING, STEERING], dim=-1)
