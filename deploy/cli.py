@@ -145,7 +145,7 @@ def _add_wire_options(parser: ArgumentParser) -> None:
     )  # fmt: skip
     add("--interface", metavar="IF", help="network interface of --backend dds")
     add("--domain", type=count_argument, metavar="N", help="DDS domain")
-    add("--hand-back", action="store_true", help="dds: damped to rest, the robot's own controller has it again")
+    add("--hand-back", action="store_true", help="dds: lowered and at rest, the robot's own controller has it again")
     add("--peer", default="robot", choices=["robot", "simulator"], help="simulator: the maker's, on loopback alone")
     add("--gamepad", type=path_argument, metavar="FILE", help="such as /dev/input/js0")
     add("--first-run-ok", action="store_true", help="on a real robot: start without a passed dry run and hal/verify")

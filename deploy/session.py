@@ -98,8 +98,8 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
                 options, setup.robot, setup.backend, cell.guard.winding, setup.settings.record, voice, kept
             )
             ending = _perform(options, setup, cell, [*([] if film is None else [film]), *observers], signals, estop)
-            if options.hand_back and cell.machine.fault is None and isinstance(setup.backend, WireBackend):
-                setup.backend.hand_back()
+            if options.hand_back:
+                _hand_back(setup, in_order=cell.machine.lowered and cell.machine.fault is None)
     report = make_report(options, setup.robot, cell, ending)
     if film is not None and not options.dry_run:
         scene = setup.actors[0].scene
@@ -107,6 +107,13 @@ def run_session(options: RunOptions, signals: StopSignals, voice: Voice) -> RunR
         if not film.draw(model, lambda: signals.raised):
             voice.say(f"stopped: {options.video} was not drawn")
     return report
+
+
+def _hand_back(setup: _Setup, *, in_order: bool) -> None:
+    if in_order and isinstance(setup.backend, WireBackend):
+        setup.backend.hand_back()
+    else:
+        setup.voice.say("not handed back: the run did not end by lowering the robot")
 
 
 def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> _Setup:
@@ -240,7 +247,7 @@ def _perform(
     console = Console(setup.voice, setup.backend, setup.clock, refusals=options.attended)
     observers = [console, *seeing]
     with contextlib.ExitStack() as stack:
-        operators: list[RequestSource] = [signals, *([] if estop is None else [estop])]
+        operators: list[RequestSource] = [signals]
         if options.viewer and isinstance(setup.backend, MujocoBackend):
             from deploy.operator.viewing import ViewerObserver  # likewise
 

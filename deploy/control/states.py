@@ -47,6 +47,7 @@ class StateMachine:
         self.mode = Mode.IDLE
         self.fault: Fault | None = None
         self.latched = False
+        self.lowered = False  # brought down in order, and not moved since
         self.selected = 0
         self.tracked = tuple(tracked)
         self.active: ActorRun | None = None
@@ -162,7 +163,7 @@ class StateMachine:
                 return fault
             if self._settling.done:
                 self._stand_up.start(state)
-                self.mode = Mode.STAND_UP
+                self.mode, self.lowered = Mode.STAND_UP, False
         elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
             if self._fixed_stand:
                 self.mode = Mode.FIXED_STAND
@@ -174,8 +175,9 @@ class StateMachine:
             elif (self._hold_wanted or active.resting) and stand and stand.obstacle(state) is None:
                 self._activate(stand, Mode.HOLD)
         elif self.mode is Mode.LOWERING and self._lowering:
-            if self._lowering.done or self._lowering.lost(state):
+            if (lost := self._lowering.lost(state)) or self._lowering.done:
                 self._damp(latched=True)
+                self.lowered = not lost
         elif self.mode is Mode.BRACING and self._bracing and self._bracing.done:
             self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
@@ -196,7 +198,7 @@ class StateMachine:
 
     def _activate(self, actor: ActorRun, mode: Mode) -> None:
         actor.start()
-        self.active, self.mode = actor, mode
+        self.active, self.mode, self.lowered = actor, mode, False
         self._blend_from, self._blended = self._sent, 0
         self._hold_wanted = False
 

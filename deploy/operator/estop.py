@@ -3,6 +3,7 @@
 It asks this program to damp. It cuts no power: that is what the contact in the motors' supply is for.
 """
 
+import contextlib
 import fcntl
 import os
 import struct
@@ -16,6 +17,7 @@ from core.errors import InputError
 from deploy.control.modes import Request
 from deploy.preflight import Check
 from deploy.settings import EStopSettings
+from hal.realtime import PRIORITY
 
 LINES = {"cts": termios.TIOCM_CTS, "dsr": termios.TIOCM_DSR, "dcd": termios.TIOCM_CAR}
 POLL_S = 0.005
@@ -32,7 +34,6 @@ class EStop:
     """
 
     name = "e-stop"
-    missing: str | None = None
 
     def __init__(self, settings: EStopSettings, say: Callable[[str], None] = print) -> None:
         self._settings, self._say = settings, say
@@ -63,11 +64,17 @@ class EStop:
         """Whether the button has been read just now."""
         return time.monotonic() - self._heard_s < LATE_S
 
+    @property
+    def missing(self) -> str | None:
+        """See StopSource."""
+        check = self.check()
+        return None if check.passed else f"{check.what} {check.found}"
+
     def poll(self) -> Sequence[Request]:
         """See RequestSource."""
         if (live := self.live) is not self._was_live:
             self._was_live = live
-            self._say(f"{self._where} " + ("can be read again" if live else "cannot be read: damping"))
+            self._say(f"{self._where} " + ("can be read again" if live else "cannot be read, which counts as pressed"))
         return (Request.DAMP,) if self._pressed or not self._was_live else ()
 
     def check(self) -> Check:
@@ -76,6 +83,8 @@ class EStop:
         return Check("e-stop", self.live and not self._pressed, state if self.live else "cannot be read")
 
     def _watch(self) -> None:
+        with contextlib.suppress(OSError):  # as urgent as the loop, or a busy core would read as a broken cable
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
         while not self._end.wait(POLL_S):
             try:
                 pressed = not self._released()

@@ -35,7 +35,7 @@ def people(
     """What the loop asks every tick, open until `stack` ends. mode: the machine's present state.
 
     On a real wire somebody has to be there while the robot moves, and to agree before it is taken over. buttons: that
-    stop, and are asked elsewhere; they count as somebody. sticks: what they steer by, where they steer.
+    stop, see Takeover and Presence. sticks: what they steer by, where they steer.
     """
     consent = Consent() if options.on_real_wire else None
     sources: list[StopSource] = []
@@ -52,6 +52,6 @@ def people(
         silent_s, ways = settings.remote_silent_s, backend.remote_sticks
         sources.append(RemoteButtons(backend.remote, remote, clock, silent_s, sticks, ways))
     if consent is None:
-        return [*sources]
-    present = Presence([*sources, *buttons], mode, clock, settings, voice.complain)
-    return [Takeover(sources, consent, voice.complain), present]
+        return [*buttons, *sources]
+    present = Presence(sources, mode, clock, settings, voice.complain, buttons)
+    return [Takeover(sources, consent, voice.complain, buttons, mode), present]

@@ -126,10 +126,14 @@ class DdsDriver:
         self._writer.commanding_since_s = time.monotonic()
 
     def acknowledge(self) -> None:
-        """See Driver. Where taking over has failed, or the robot has restarted, it is done again."""
+        """See Driver. Where taking over has failed it is done again, but never from a controller that came later."""
         self._writer.acknowledge()
-        if self._outbox.energised and not (self._taken and self._is_released()):
+        if not self._outbox.energised or self._writer.lost is not None:
+            return
+        if not self._taken:
             self.enable()
+        elif not self._is_released():
+            self._writer.lose("the motion service is active again")
 
     def disable(self) -> None:
         """See Driver."""
@@ -159,6 +163,7 @@ class DdsDriver:
         """One round: send what is to be sent, look out for others, pass on what ended the reader."""
         assert self._states is not None
         outgoing = self._outbox.at(time.monotonic())
+        self._taken = self._taken and self._writer.lost is None
         if self._taken:
             outgoing = self._damping if outgoing.kind is Kind.IDLE else outgoing
             message = self._message()

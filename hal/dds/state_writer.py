@@ -8,13 +8,16 @@ from hal.dds.tick_clock import TickClock, went_back
 from hal.wire.boards import StateBoard
 
 MODE_GRACE_S = 0.5
+RESTART_MS = 1000  # a tick that is further back is of a new start, a lesser one of a message that was overtaken
+NOT_OURS = "its own controller may drive the robot: end this run, begin another"
 
 
 class StateWriter:
     """Puts each LowState on the board. `hear` is for one thread.
 
     A disconnected motor's values are not renewed. Faults that the robot reports last as long as it reports them;
-    a restart and a changed machine stay until `acknowledge`.
+    a tick that went back and a changed machine stay until `acknowledge`. lost: why the robot is no longer this run's;
+    that stays.
     """
 
     def __init__(self, board: StateBoard, slots: SlotMap, clock: TickClock, mode_machine: int) -> None:
@@ -26,6 +29,7 @@ class StateWriter:
         self._motor_faults: set[str] = set()
         self._latched: set[str] = set()
         self.commanding_since_s = np.inf
+        self.lost: str | None = None
 
     def hear(self, message: np.ndarray, now_s: float) -> None:
         """One new, intact message that arrived at now_s."""
@@ -53,6 +57,12 @@ class StateWriter:
             self._board.fault(name, False)
         self._latched.clear()
 
+    def lose(self, why: str) -> None:
+        """From now on the robot may have another controller."""
+        if self.lost is None:
+            self.lost = f"{why}: {NOT_OURS}"
+            self._board.fault(self.lost, True)
+
     def latch(self, name: str) -> None:
         """A fault that stays until it is acknowledged."""
         self._latched.add(name)
@@ -61,7 +71,10 @@ class StateWriter:
     def _judge(self, message: np.ndarray, motorstate: np.ndarray, now_s: float) -> None:
         tick, machine = int(message["tick"]), int(message["mode_machine"])
         if self._tick is not None and went_back(tick, self._tick):
-            self.latch("restarted: LowState's tick went back")
+            if went_back(tick + RESTART_MS, self._tick):
+                self.lose("restarted")
+            else:
+                self.latch("LowState's tick went back")
         self._tick = tick
         if machine != self._mode_machine:
             self.latch(f"mode_machine is no longer {self._mode_machine}")

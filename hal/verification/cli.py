@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None, *, operator: Terminal | None = 
 
 def _verify(given: argparse.Namespace, operator: Terminal | None) -> int:
     robot, options, clock = load_robot(given.robot), load_verify_options(given.options), MonotonicClock()
+    operator = operator or Terminal(robot.joint_names)
     endpoints = _endpoints(given)
     wire = {"config": given.hal_config, "endpoints": endpoints}
     backend = open_backend(given.backend, robot, clock, control_period_s=PERIOD_S, **wire)
@@ -36,7 +37,7 @@ def _verify(given: argparse.Namespace, operator: Terminal | None) -> int:
     try:
         info = backend.open()
         _await_state(backend)
-        verify(backend, robot, clock, operator or Terminal(robot.joint_names), options)
+        verify(backend, robot, clock, operator, options)
     finally:
         backend.close()
     record = VerifiedRecord(sha256, robot.name, info.identities)

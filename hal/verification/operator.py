@@ -2,6 +2,7 @@
 
 import math
 import sys
+import termios
 from dataclasses import dataclass
 
 from core.errors import InputError
@@ -19,9 +20,14 @@ class Moved:
 
 
 class Terminal:
-    """The operator at standard input, one answer a line; a script's answers count as well. End of input: no consent."""
+    """The operator at standard input, one answer a line. What was typed before the question is no answer to it.
+
+    End of input: no consent. Raises InputError where there is no terminal, for then nobody looks.
+    """
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
+        if not sys.stdin.isatty():
+            raise InputError("needs a terminal: somebody must look and answer", where="hal/verify")
         self._joints = joint_names
 
     def ready(self, what: str) -> None:
@@ -56,6 +62,7 @@ class Terminal:
         self._line("set the base upright again, then Enter: ")
 
     def _line(self, question: str) -> str:
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
         print(question, end="", flush=True)
         line = sys.stdin.readline()
         if not line:

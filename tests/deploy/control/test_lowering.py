@@ -62,7 +62,7 @@ def test_a_lean_that_the_ankles_cannot_answer_is_damped(lean_rad, lost, tmp_path
     machine = standing(tmp_path)
     machine.request(Request.FINISH, state())
     machine.advance(state(imu_quat_wxyz=tilted(lean_rad)))
-    assert (machine.mode is Mode.DAMPING) is lost and machine.fault is None
+    assert (machine.mode is Mode.DAMPING) is lost and machine.fault is None and not machine.lowered
 
 
 def standing(folder):
@@ -84,13 +84,34 @@ def test_it_is_lowered_once_and_ends_latched(tmp_path, request_):
     assert machine.mode is Mode.DAMPING and machine.latched and machine.fault is None
 
 
+def test_lowered_is_a_robot_that_came_down_to_the_end_and_was_not_moved_since(tmp_path):
+    """Only that one is handed back to its own controller."""
+    machine = standing(tmp_path)
+    machine.request(Request.FINISH, state())
+    for _ in range(TICKS + 1):
+        assert not machine.lowered
+        machine.advance(state())
+    assert machine.lowered
+    for ending in (Request.QUIT, Request.DAMP):
+        machine.request(ending, state())
+        assert machine.lowered
+    machine.request(Request.ACKNOWLEDGE, state())
+    machine.no_fault()
+    machine.request(Request.STAND, state())
+    while machine.mode is not Mode.STAND_UP:
+        machine.advance(state())
+    assert not machine.lowered
+    machine.request(Request.DAMP, state())
+    assert not machine.lowered
+
+
 @pytest.mark.parametrize("request_", [Request.QUIT, Request.DAMP])
 def test_while_it_is_lowered_a_stop_damps_at_once(tmp_path, request_):
     machine = standing(tmp_path)
     machine.request(Request.FINISH, state())
     machine.advance(state())
     machine.request(request_, state())
-    assert machine.mode is Mode.DAMPING and machine.advance(state()) is None
+    assert machine.mode is Mode.DAMPING and machine.advance(state()) is None and not machine.lowered
 
 
 FAST = replace(state(), joint_vel_rad_s=np.full(JOINTS, 2.1))  # nobody takes over at more than 2.0

@@ -43,9 +43,11 @@ def button(pin, said=None):
 def test_a_pin_asks_to_damp_as_long_as_it_is_pressed(pin):
     with button(pin) as estop:
         assert becomes(lambda: estop.live) and list(estop.poll()) == [] and estop.check().passed
+        assert estop.missing is None
         pin.write_text("1\n")
         assert becomes(lambda: list(estop.poll()) == [Request.DAMP])
         assert not estop.check().passed and estop.check().found == "pressed: release it"
+        assert estop.missing == "e-stop pressed: release it"
         assert list(estop.poll()) == [Request.DAMP]
         pin.write_text("0\n")
         assert becomes(lambda: list(estop.poll()) == [])
@@ -73,7 +75,7 @@ def test_a_button_that_cannot_be_read_any_more_damps(pin):
         assert not estop.live and estop.check().found == "cannot be read"
         pin.write_text("0\n")
         assert becomes(lambda: list(estop.poll()) == [])
-    assert said == [f"estop {pin} cannot be read: damping", f"estop {pin} can be read again"]
+    assert said == [f"estop {pin} cannot be read, which counts as pressed", f"estop {pin} can be read again"]
 
 
 def test_a_device_that_hangs_holds_nobody_up(pin):

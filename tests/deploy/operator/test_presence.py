@@ -72,3 +72,48 @@ def test_the_last_live_stop_source_lost_warns_at_once_then_holds_then_lowers(mod
     asked.clear()
     run(14.0)
     assert asked == {} and (said[-1] == "the operator is back" if moves else said == [])
+
+
+class Button(Person):
+    """A stop button: it can be read, though nobody need be near it."""
+
+    name = "e-stop"
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("given", [False, True])
+def test_a_button_damps_what_is_driven_and_takes_no_robot_that_is_idle(mode, given):
+    """Pressed, or its adapter pulled out, while a robot may stand by its own controller: damping would drop it."""
+    button = Button(Request.DAMP, missing="e-stop pressed: release it")
+    gate = Takeover([Person()], Consent(given), [].append, [button], lambda: mode)
+    assert gate.poll() == ([] if mode is Mode.IDLE else [Request.DAMP])
+
+
+def test_nobody_stands_up_while_a_button_is_pressed_or_dead():
+    said = []
+    button = Button(missing="e-stop cannot be read")
+    gate = Takeover([Person(Request.STAND)], Consent(given=True), said.append, [button])
+    assert gate.poll() == [] and said == ["stand refused: e-stop cannot be read"]
+    button.missing = None
+    assert gate.poll() == [Request.STAND]
+    nobody = Takeover([Person(Request.STAND, live=False)], Consent(given=True), said.append, [button])
+    assert nobody.poll() == [] and "nobody could stop it" in said[-1]
+
+
+def test_a_button_stands_in_for_people_only_where_there_never_were_any():
+    clock, said, person, button = SimulatedClock(7.0), [], Person(live=False), Button()
+    settings = replace(SETTINGS.operator, hold_after_s=1.0, lower_after_s=3.0)
+    presence = Presence([person], lambda: Mode.READY, clock, settings, said.append, [button])
+    assert presence.poll() == () and said == []
+    person.live = True
+    assert presence.poll() == ()
+    person.live = False
+    assert presence.poll() == () and "operator lost" in said[0]
+    clock.sleep_until(10.1)
+    assert presence.poll() == (Request.LOWER,)
+
+
+def test_where_there_never_were_people_a_lost_button_is_a_lost_operator():
+    clock, said, button = SimulatedClock(7.0), [], Button(live=False)
+    presence = Presence([Person(live=False)], lambda: Mode.READY, clock, SETTINGS.operator, said.append, [button])
+    assert presence.poll() == () and "operator lost" in said[0]

@@ -4,8 +4,10 @@ And the run that wants its record: a robot that nobody has verified stays slack.
 """
 
 import contextlib
-import io
 import json
+import os
+import pty
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -75,8 +77,21 @@ def test_the_robot_that_the_files_describe_is_verified(
 def test_an_operator_who_does_not_agree_has_nothing_energised(
     wire: str, running: Emulators, options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    assert cli.main(options) == 2
+    keys, terminal = pty.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        ended = threading.Event()
+
+        def say_no() -> None:
+            while not ended.wait(0.2):
+                os.write(keys, b"no\n")
+
+        answering = threading.Thread(target=say_no)
+        answering.start()
+        assert cli.main(options) == 2
+        ended.set()
+        answering.join()
+    os.close(keys)
     assert set(running.get(wire, running.config(wire)).control.status()["mode"].values()) == {"slack"}
     assert list(tmp_path.iterdir()) == []
 

@@ -120,15 +120,27 @@ def test_damping_is_heard_before_enabling_has_ended(emulator: Emulator) -> None:
         host.enable()
 
 
-def test_a_robot_that_has_restarted_is_taken_over_anew(emulator: Emulator) -> None:
+def sent_from_now_on(emulator: Emulator, seconds: float = 0.3) -> int:
+    """How many LowCmds reach the robot, obeyed or not, in so many seconds."""
+    before = counts(emulator)
+    time.sleep(seconds)
+    after = counts(emulator)
+    return sum(after[name] - before.get(name, 0) for name in after if name != "lowstate sent")
+
+
+def test_a_service_that_is_active_again_keeps_the_robot(emulator: Emulator) -> None:
+    """Somebody has stood the robot up by its remote: acknowledging an older fault must not let it fall."""
     with Host(emulator) as host:
         host.enable()
         host.damp()
         wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
         emulator.control.device(motion_service="ai")
         host.driver.acknowledge()
-        assert status(emulator)["device"]["motion_service"] == ""
-        wait(lambda: set(status(emulator)["mode"].values()) == {"damped"})
+        assert any("the motion service is active again" in fault for fault in host.faults)
+        wait(lambda: sent_from_now_on(emulator) == 0)
+        host.driver.acknowledge()
+        assert status(emulator)["device"]["motion_service"] == "ai"
+        assert sent_from_now_on(emulator) == 0
 
 
 def closed(emulator: Emulator, *, hand_back: bool) -> dict[str, Any]:
@@ -349,6 +361,10 @@ def test_a_robot_that_loses_power_comes_back_under_its_own_service(emulator: Emu
         wait(lambda: any("restarted" in fault for fault in host.faults))
         assert status(emulator)["device"]["motion_service"] == "ai"
         wait(lambda: set(status(emulator)["mode"].values()) == {"slack"})
+        wait(lambda: sent_from_now_on(emulator) == 0)
+        host.driver.acknowledge()
+        assert status(emulator)["device"]["motion_service"] == "ai" and sent_from_now_on(emulator) == 0
+        assert any("restarted" in fault for fault in host.faults)
 
 
 def test_a_configuration_that_leaves_motors_out_is_refused(tmp_path: Path) -> None:

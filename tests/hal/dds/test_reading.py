@@ -110,7 +110,18 @@ def test_a_restart_and_another_machine_latch() -> None:
     restarted["mode_machine"] = 4
     to.hear(restarted, 2.0)
     to.hear(healthy(40), 2.02)
-    assert onto.texts()[0] == ("mode_machine is no longer 5", "restarted: LowState's tick went back")
+    lost = "restarted: its own controller may drive the robot: end this run, begin another"
+    assert set(onto.texts()[0]) == {"mode_machine is no longer 5", lost} and to.lost == lost
+    to.acknowledge()
+    assert onto.texts()[0] == (lost,)
+
+
+def test_a_message_that_was_overtaken_latches_and_ends_nothing() -> None:
+    onto = board()
+    to = writer(onto)
+    for tick in (5000, 4980, 5002):
+        to.hear(healthy(tick), 1.0)
+    assert onto.texts()[0] == ("LowState's tick went back",) and to.lost is None
     to.acknowledge()
     assert onto.texts()[0] == ()
 
