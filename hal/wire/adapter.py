@@ -2,7 +2,7 @@
 
 import json
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 CLASSES = Path("/sys/class")
@@ -29,12 +29,13 @@ def adapter_serial(path_or_name: str, kind: str, classes: Path = CLASSES) -> str
 
 @dataclass(frozen=True)
 class CanInterface:
-    """A SocketCAN interface as it is set up. None: the system does not say."""
+    """A SocketCAN interface as it is set up. None: the system does not say. adapter: a device is behind it."""
 
     name: str
     queue: int | None = None
     state: str | None = None
     restart_ms: int | None = None
+    adapter: bool = False
 
     @property
     def problems(self) -> list[str]:
@@ -42,6 +43,8 @@ class CanInterface:
         found = []
         if self.state in ("BUS-OFF", "STOPPED"):
             found.append(f"{self.name} is {self.state}: take it down and up, and look for a short or a wrong bit rate")
+        if self.adapter and self.restart_ms is None:
+            found.append(f"{self.name}: state and restart time cannot be read: install iproute2, and try again")
         if self.queue is not None and self.queue > LONGEST_QUEUE:
             found.append(
                 f"{self.name} queues {self.queue} frames and would replay them when power comes back: "
@@ -70,7 +73,7 @@ def can_interface(name: str, classes: Path = CLASSES) -> CanInterface | None:
         queue = int((folder / "tx_queue_len").read_text(encoding="ascii"))
     except (OSError, ValueError):
         queue = None
-    return _with_state(CanInterface(name, queue))
+    return _with_state(CanInterface(name, queue, adapter=(folder / "device").exists()))
 
 
 def _with_state(interface: CanInterface) -> CanInterface:
@@ -79,6 +82,6 @@ def _with_state(interface: CanInterface) -> CanInterface:
     try:
         answer = subprocess.run(command, capture_output=True, timeout=ANSWER_LIMIT_S, check=True).stdout
         data = json.loads(answer)[0]["linkinfo"]["info_data"]
-        return CanInterface(interface.name, interface.queue, data.get("state"), int(data.get("restart_ms", 0)))
+        return replace(interface, state=data.get("state"), restart_ms=int(data.get("restart_ms", 0)))
     except (OSError, subprocess.SubprocessError, ValueError, KeyError, IndexError, TypeError):
         return interface

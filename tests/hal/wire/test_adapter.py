@@ -48,7 +48,7 @@ def test_queue_restart_and_state_of_an_interface(
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     tool(tmp_path, [{"linkinfo": {"info_data": {"state": "ERROR-ACTIVE", "restart_ms": 0}}}])
     healthy = can_interface("can0", classes)
-    assert healthy == CanInterface("can0", 10, "ERROR-ACTIVE", 0)
+    assert healthy == CanInterface("can0", 10, "ERROR-ACTIVE", 0, adapter=True)
     assert (str(healthy), healthy.problems) == ("queue 10 frames, restart 0 ms, state ERROR-ACTIVE", [])
     tool(tmp_path, [{"linkinfo": {"info_data": {"state": "BUS-OFF", "restart_ms": 100}}}])
     (classes / "net" / "can0" / "tx_queue_len").write_text("1000")
@@ -58,7 +58,10 @@ def test_queue_restart_and_state_of_an_interface(
     for said in ("can0 is BUS-OFF", "queues 1000 frames", "restarts by itself 100 ms after a bus-off"):
         assert said in problems
     tool(tmp_path, [])
-    assert can_interface("can0", classes) == CanInterface("can0", 1000)
+    silent = can_interface("can0", classes)
+    assert silent == CanInterface("can0", 1000, adapter=True)
+    assert silent.problems[0] == "can0: state and restart time cannot be read: install iproute2, and try again"
+    assert CanInterface("vcan0", 16).problems == []  # no device is behind a virtual one
     assert can_interface("can7", classes) is None
 
 
