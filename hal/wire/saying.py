@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import threading
 
 CHUNK = 65_536
@@ -41,4 +42,5 @@ class Saying:
 def say(line: str) -> None:
     """One line on standard error; lost where nobody can take it now."""
     with contextlib.suppress(OSError):
-        os.write(STDERR, f"{line}\n".encode())
+        if select.select([], [STDERR], [], 0.0)[1]:
+            os.write(STDERR, f"{line}\n".encode())

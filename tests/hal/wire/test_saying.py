@@ -2,11 +2,13 @@
 
 import os
 import termios
+import threading
 import time
 from contextlib import contextmanager
 
 import pytest
 
+from hal.wire.saying import say
 from tests.hal.wire.fake import fake_backend
 from tests.hal.wire.test_process import drive, events, ready
 
@@ -66,3 +68,12 @@ def test_every_bus_is_damped_and_the_process_ends_though_standard_error_is_block
         assert failed and damped > 20
         assert process.returncode == 0 and time.monotonic() - begun_s < 8.0
     assert events(journal)[-2:] == ["disable", "close"]
+
+
+@pytest.mark.parametrize("blocking", [full_pipe, stopped_terminal])
+def test_a_line_for_a_blocked_standard_error_is_lost_and_nobody_waits(blocking):
+    with blocking() as blocked, as_standard_error(blocked):
+        said = threading.Thread(target=say, args=("the wire process 7 goes on alone",), daemon=True)
+        said.start()
+        said.join(5.0)
+        assert not said.is_alive()
