@@ -39,6 +39,7 @@ def build_parser() -> ArgumentParser:
         "what an actor that follows goals is shown of the clip (full); without --motion steer, path, reach: by chance"
     )
     add("--goal", choices=tuple(KINDS), default="full", help=shown)
+    add("--robot", default="g1_23dof", metavar="NAME|FILE")
     simulations = "reference: 200 Hz, no delay; limits on targets and torques only count, a trip still ends an episode"
     add("--sim", choices=("default", "reference"), default="default", help=simulations)
     add("--sim-model", type=path_argument, metavar="FILE", help="another MJCF with the same joint names")
@@ -70,6 +71,7 @@ def request_of(options: argparse.Namespace) -> EvaluationRequest:
         policies=tuple(options.policy),
         motions=tuple(options.motion),
         goal=options.goal,
+        robot=options.robot,
         sim=options.sim,
         sim_model=options.sim_model,
         start=options.start,
@@ -91,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_output_file("--video", options.video)
     check_output_folder("--report", options.report)
     if options.meshes is not None:
-        check_meshes(load_robot(), options.meshes)
+        check_meshes(load_robot(options.robot), options.meshes)
     if options.goal in TASKS and not options.motion:
         _steer(options)
     elif options.stress:

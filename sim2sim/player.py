@@ -23,7 +23,7 @@ class Player:
 
     def __init__(self, request: EvaluationRequest) -> None:
         self.request = request
-        self.robot = load_robot()
+        self.robot = load_robot(request.robot)
         self._settings = load_settings()
         entry = self._settings.entry
         self.clips = open_clips(request.motions, self.robot)

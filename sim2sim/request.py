@@ -16,13 +16,14 @@ class EvaluationRequest:
 
     policies: names or files, all played under the same conditions. motions: clips, or sets of them, for actors that
     carry none; each actor plays each clip. goal: what an actor that follows goals is shown of them, see
-    :data:`policy.goals.KINDS`. friction, delay_s, push_m_s: None for what the
+    :data:`policy.goals.KINDS`. robot: a name or a file. friction, delay_s, push_m_s: None for what the
     simulation's file and `randomize` say. start: "reference" begins at the clip's first frame, "stand" on the ground.
     """
 
     policies: tuple[str, ...]
     motions: tuple[str, ...] = ()
     goal: str = "full"
+    robot: str = "g1_23dof"
     sim: str = "default"
     sim_model: Path | None = None
     start: str = "reference"
@@ -56,6 +57,7 @@ class EvaluationRequest:
         """The conditions in words."""
         return {
             "episodes": str(self.episodes),
+            "robot": self.robot,
             "simulation": self.sim if self.sim_model is None else f"{self.sim}, model {self.sim_model}",
             "goal": self.goal,
             "start": f"{self.start}, joints + N(0, {self.start_noise_rad:g} rad)",

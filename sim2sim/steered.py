@@ -107,7 +107,7 @@ class _Watch:
 
 def play_steered(request: EvaluationRequest, policy: str, episode: int) -> SteeredScore:
     """One episode of 20 s from the stand pose; all chance of it is the request's, which names the kind of goal."""
-    robot, settings, rng = load_robot(), load_settings(), request.generator(episode)
+    robot, settings, rng = load_robot(request.robot), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
     spec, period_s = read_metadata(resolve_actor(policy)).spec, stand.period_s
     standing = standing_for(spec, stand, robot)

@@ -24,7 +24,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
 
     The two programs order joints differently and do not say how: the order is the one in which the robot's forward
     kinematics gives the bodies of the file. Resting feet are put on the ground, contact is the rule of Eq. 2; wrists
-    are dropped. `fps` counts more than the file's. Raises InputError naming `where` and the field.
+    that the robot lacks are dropped. `fps` counts more than the file's. Raises InputError naming `where` and the field.
     """
     joint_pos, body_pos, body_quat = _checked(arrays, where)
     stated = arrays.get("fps")
@@ -35,7 +35,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
     clips = {}
     for name, ordered in _ORDERS.items():
         joints = ordered(maker_order)
-        kept = [i for i, joint in enumerate(joints) if joint in JOINTS_23]
+        kept = [i for i, joint in enumerate(joints) if joint in robot.joint_names]
         with errors_in(where):
             clip = Clip(
                 fps=rate,

@@ -6,6 +6,7 @@ import pytest
 from core.errors import InputError
 from motion.importers.g1_joints import JOINTS_23, JOINTS_29, by_depth
 from motion.importers.mjlab_npz import read_mjlab
+from robot.robot import load_robot
 from tests.motion.robot_files import ISAAC_29, mjlab_arrays
 
 
@@ -25,6 +26,15 @@ def test_either_order_is_found(robot, order, text):
         np.testing.assert_allclose(column, arrays["joint_pos"][:, order.index(name)])
     np.testing.assert_allclose(clip.root_quat_wxyz[0], [0.8, 0.0, 0.0, 0.6], atol=1e-7)
     np.testing.assert_allclose(clip.root_pos_w[:, :2], [[0.5, 0.2]] * 5, atol=1e-7)
+
+
+@pytest.mark.parametrize("order", [JOINTS_29, ISAAC_29], ids=["mjlab", "Isaac Lab"])
+def test_a_robot_with_wrists_keeps_them(order):
+    robot = load_robot("g1_29dof")
+    arrays = mjlab_arrays(robot, order)
+    clip = read_mjlab(arrays, "a.npz", robot)
+    assert clip.joint_names == order
+    np.testing.assert_allclose(clip.joint_pos_rad, arrays["joint_pos"], atol=1e-6)
 
 
 def test_joints_in_another_order_are_refused(robot):

@@ -3,6 +3,7 @@
 What they observe is computed here another way: by MuJoCo's own bodies and its rotation matrices.
 """
 
+import json
 from pathlib import Path
 
 import mujoco
@@ -19,6 +20,8 @@ from policy.actor import load_actor
 from policy.controller import PolicyController
 from policy.spec import ObservationTerm
 from robot.robot import load_robot
+from sim2sim.cli import main as evaluate
+from tests.motion.robot_files import mjlab_arrays, npz_bytes
 from tests.policy.toys import set_metadata, weights
 
 ROBOT = load_robot()
@@ -32,27 +35,27 @@ def by_comma(values) -> str:
     return ",".join(value if isinstance(value, str) else f"{value:.3f}" for value in values)
 
 
-def metadata(**changes) -> dict[str, str]:
+def metadata(robot=ROBOT, order=ORDER, **changes) -> dict[str, str]:
     values = {
         "run_path": "group/project/run",
-        "joint_names": by_comma(NAMES),
-        "joint_stiffness": by_comma(ROBOT.kp[ORDER]),
-        "joint_damping": by_comma(ROBOT.kd[ORDER]),
-        "default_joint_pos": by_comma(ROBOT.default_pos_rad[ORDER]),
+        "joint_names": by_comma(robot.joint_names[i] for i in order),
+        "joint_stiffness": by_comma(robot.kp[order]),
+        "joint_damping": by_comma(robot.kd[order]),
+        "default_joint_pos": by_comma(robot.default_pos_rad[order]),
         "command_names": "motion",
         "observation_names": by_comma(OBSERVED),
-        "action_scale": by_comma(np.linspace(0.1, 0.5, 23)),
+        "action_scale": by_comma(np.linspace(0.1, 0.5, len(order))),
         "anchor_body_name": "torso_link",
         "body_names": "pelvis,torso_link",
     }
     return {key: value for key, value in (values | changes).items() if value is not None}
 
 
-def write_tracker(path: Path, size: int = SIZE, **changes) -> Path:
+def write_tracker(path: Path, size: int = SIZE, joints: int = 23, **changes) -> Path:
     """A graph with their inputs and outputs: a network, and a motion of three frames picked by time_step."""
-    params = weights(size, 23)
+    params = weights(size, joints)
     stored = [numpy_helper.from_array(p, f"p{i}") for i, p in enumerate(params)]
-    frames = np.arange(69, dtype=np.float32).reshape(3, 23)
+    frames = np.arange(3 * joints, dtype=np.float32).reshape(3, joints)
     stored += [numpy_helper.from_array(frames, "frames"), numpy_helper.from_array(np.array(2, np.int64), "last")]
     nodes = [
         helper.make_node("Gemm", ["obs", "p0", "p1"], ["h"], transB=1),
@@ -63,7 +66,7 @@ def write_tracker(path: Path, size: int = SIZE, **changes) -> Path:
         helper.make_node("Squeeze", ["row"], ["flat"]),
         helper.make_node("Gather", ["frames", "flat"], ["joint_pos"]),
     ]
-    floats = {"obs": [1, size], "time_step": [1, 1], "actions": [1, 23], "joint_pos": [23]}
+    floats = {"obs": [1, size], "time_step": [1, 1], "actions": [1, joints], "joint_pos": [joints]}
     values = {name: helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in floats.items()}
     graph = helper.make_graph(
         nodes, "tracker", [values["obs"], values["time_step"]], [values["joint_pos"], values["actions"]], stored
@@ -212,3 +215,17 @@ def test_it_runs_through_the_loop(tmp_path, capsys):
     given = ["--policy", str(path), "--motion", "taichi", "--start", "reference", "--duration", "1"]
     assert deploy(["--backend", "mock", *given]) == 0
     assert "TRACKING" in capsys.readouterr().out
+
+
+def test_the_two_files_of_a_task_with_29_joints_are_played_on_the_robot_with_wrists(tmp_path):
+    """An actor and its motion as those programs leave them, scored in simulation."""
+    robot = load_robot("g1_29dof")
+    (tmp_path / "motion.npz").write_bytes(npz_bytes(mjlab_arrays(robot, num_frames=6)))
+    policy = write_tracker(
+        tmp_path / "policy.onnx", 58 + 6 + 3 + 87, 29, robot=robot, order=np.arange(29), action_scale="0.001"
+    )
+    given = ["--robot", "g1_29dof", "--policy", str(policy), "--motion", str(tmp_path / "motion.npz")]
+    assert evaluate([*given, "--json", str(tmp_path / "scores.json")]) == 0
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert scores["motion"] == "motion" and np.isfinite(scores["metrics"]["empjpe_mrad"]["mean"])
+    assert "the robot lacks left_wrist_roll_joint, left_wrist_pitch_joint, " in refusal(policy)
