@@ -30,6 +30,22 @@ def light() -> Iterator[None]:
         yield
 
 
+class Judge:
+    """Finds one figure that is no number."""
+
+    def __init__(self, *arguments, **named):
+        pass
+
+    def evaluate(self, act):
+        return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
+
+
+@pytest.fixture
+def unjudged(monkeypatch):
+    """Of a run that is not about it, an evaluation that takes no time."""
+    monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
+
+
 @pytest.fixture
 def signal_handlers() -> Iterator[None]:
     """Afterwards those from before are back."""

@@ -94,7 +94,7 @@ def test_a_clip_with_nan_or_a_wrong_joint_is_refused(capsys, tmp_path):
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """Options of a short run: what ends by itself is judged over the whole clip, and one of 20 s takes long."""
-    return [*SHORT, f"motion={beginning_of('stand', 0.6, tmp_path_factory.mktemp('clip'))}"]
+    return [*SHORT, f"motion={beginning_of('stand', 0.3, tmp_path_factory.mktemp('clip'))}"]
 
 
 @pytest.fixture(scope="module")
