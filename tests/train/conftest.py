@@ -13,14 +13,19 @@ from train.report import figures, writer
 
 @contextmanager
 def lightly(*, pictures: bool = False) -> Iterator[None]:
-    """Runs are judged with two robots of each kind, and their reports have no pictures: both take long."""
+    """Runs are judged with two robots of each kind and not compared with the presets: all these take long.
+
+    Their reports have no pictures, or those of the end alone.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluator, "STARTS", dict.fromkeys(evaluator.STARTS, 2))
-        if not pictures:
+        patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
+        patch.setattr(writer, "nearest_preset", lambda document: ("", []))
+        if pictures:
+            patch.setattr(writer.TrainingReport, "refresh", lambda report, rows: None)
+        else:
             patch.setenv("KATA_RENDERER", "none")
             patch.setattr(figures, "_svg", lambda panel, found, chosen: b"<svg/>")
-            patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
-            patch.setattr(writer, "nearest_preset", lambda document: ("", []))  # reads all presets
         yield
 
 

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from policy.actor import load_actor
 from robot.robot import load_robot
 from tests.train.conftest import lightly
 from tests.train.point_mass_run import rows, same
+from tests.train.programs import lightly_started
 from tests.train.worlds import beginning_of
 from train.checkpoint import Checkpoints
 from train.run import main
@@ -34,19 +34,12 @@ OVERRIDES = [
 ]
 
 
-PROGRAM = """
-import sys
-from tests.train.conftest import lightly
-from train.run import main
-
-with lightly():
-    main(sys.argv[1:])
-"""
-
-
 def start(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", PROGRAM, *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
+    command = [*lightly_started(ROOT / "train" / "run.py"), *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment
+    )
 
 
 @pytest.fixture(scope="module")

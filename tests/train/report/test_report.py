@@ -17,9 +17,10 @@ import pytest
 from core.errors import InputError
 from motion.clip import save_clip
 from tests.train.conftest import lightly
+from tests.train.programs import lightly_started
 from tests.train.worlds import g1, swaying_clip
 from train.config import compose_document
-from train.report import preset, video
+from train.report import preset, video, writer
 from train.report.cli import main
 from train.report.record import read_record
 from train.report.writer import TrainingReport, rebuild
@@ -53,7 +54,8 @@ def run_dir(tmp_path_factory):
     )
     usual = {"last_mile": compose_document(["motion=stand", "train=last_mile"])}
     with lightly(pictures=True), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(preset, "_presets", lambda: usual)  # to read all of them takes long: see test_words.py
+        patch.setattr(preset, "_presets", lambda: usual)  # of all of them test_words.py finds the nearest
+        patch.setattr(writer, "nearest_preset", preset.nearest_preset)
         assert train_main(list(arguments)) == 0
     return run_dir
 
@@ -185,9 +187,9 @@ def test_unusable_folders_are_refused_in_one_line(tmp_path, capsys):
 
 
 def test_the_command(copied, capsys):
-    environment = os.environ | {"KATA_RENDERER": "none", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-P", str(ROOT / "train" / "report" / "build")]
-    done = subprocess.run([*command, str(copied)], env=environment, capture_output=True, text=True, check=False)
+    command = [*lightly_started(ROOT / "train" / "report" / "build"), str(copied)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     with pytest.raises(SystemExit) as shown:
         main(["--help"])

@@ -21,12 +21,10 @@ from tests.train.conftest import lightly
 from tests.train.world_model.small import SMALL, WARM_UP
 from tests.train.world_model.small import small as small_parts
 from tests.train.worlds import beginning_of
-from train import progress
 from train.command import execute
 from train.companion import read_companion
 from train.lineage import find_source
 from train.nan_guard import NonFiniteError
-from train.report import writer
 from train.report.preset import nearest_preset
 from train.world_model import blindness
 
@@ -48,17 +46,11 @@ def few_steps(monkeypatch):
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """The run folder of a tracker. Of the runs here its report alone has pictures, and physics on two threads.
-
-    They are drawn at the end, not as it goes on too: of a run in general that is tested where reports are.
-    """
+    """The run folder of a tracker. Of the runs here it alone has pictures, and physics on two threads."""
     folder = tmp_path_factory.mktemp("tracker")
     (folder / "clips").mkdir()
     beginning_of("side_kick", 0.5, folder / "clips")
-    with lightly(pictures=True), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(writer.TrainingReport, "refresh", lambda report, rows: None)
-        patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
-        patch.setattr(writer, "nearest_preset", lambda document: ("", []))  # reads all presets
+    with lightly(pictures=True):
         execute([
             f"motions={folder / 'clips'}", *SMALL[1:], f"iterations={WARM_UP + 4}", "evaluate_every=null",
             "threads=2", f"run_dir={folder / 'run'}",
