@@ -13,14 +13,19 @@ from train.report import figures, writer
 
 @contextmanager
 def lightly(*, pictures: bool = False) -> Iterator[None]:
-    """Runs are judged with two robots of each kind, and their reports have no pictures: both take long."""
+    """Runs are judged with two robots of each kind and not compared with the presets: all these take long.
+
+    Their reports have no pictures, or those of the end alone.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluator, "STARTS", dict.fromkeys(evaluator.STARTS, 2))
-        if not pictures:
+        patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
+        patch.setattr(writer, "nearest_preset", lambda document: ("", []))
+        if pictures:
+            patch.setattr(writer.TrainingReport, "refresh", lambda report, rows: None)
+        else:
             patch.setenv("KATA_RENDERER", "none")
             patch.setattr(figures, "_svg", lambda panel, found, chosen: b"<svg/>")
-            patch.setattr(progress, "draw_curves", lambda rows, path: path.touch())
-            patch.setattr(writer, "nearest_preset", lambda document: ("", []))  # reads all presets
         yield
 
 
@@ -28,6 +33,22 @@ def lightly(*, pictures: bool = False) -> Iterator[None]:
 def light() -> Iterator[None]:
     with lightly():
         yield
+
+
+class Judge:
+    """Finds one figure that is no number."""
+
+    def __init__(self, *arguments, **named):
+        pass
+
+    def evaluate(self, act):
+        return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
+
+
+@pytest.fixture
+def unjudged(monkeypatch):
+    """Of a run that is not about it, an evaluation that takes no time."""
+    monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
 
 
 @pytest.fixture

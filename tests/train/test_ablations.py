@@ -115,16 +115,16 @@ def test_a_training_that_cannot_begin_is_exit_1_and_names_its_log(benchmark, tmp
 
 
 def test_a_folder_that_cannot_be_is_exit_2_and_one_line(tmp_path):
+    """As a program."""
     (tmp_path / "file").write_text("")
-    result = _run("--folder", tmp_path / "file")
+    command = [sys.executable, "-P", BENCHMARK, "--folder", tmp_path / "file"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert result.returncode == 2 and f"{tmp_path}/file" in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_a_variant_of_another_family_is_refused():
-    result = _run("--family", "world_model", "--variants", "coarse")
-    assert result.returncode == 2 and "no coarse in world_model, which has default, horizon_16" in result.stderr
-
-
-def _run(*options):
-    command = [sys.executable, "-P", BENCHMARK, *options]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+def test_a_variant_of_another_family_is_refused(benchmark, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["ablations.py", "--family", "world_model", "--variants", "coarse"])
+    with pytest.raises(SystemExit) as refused:
+        benchmark.main()
+    assert refused.value.code == 2
+    assert "no coarse in world_model, which has default, horizon_16" in capsys.readouterr().err

@@ -99,7 +99,7 @@ def test_a_cost_counts_by_the_smallest_running_mean_of_its_error(monkeypatch):
 
 
 @pytest.mark.parametrize("change", changed.CHANGES)
-def test_every_change_trains_and_leaves_an_actor(change, light, tmp_path, monkeypatch):
+def test_every_change_trains_and_leaves_an_actor(change, light, unjudged, tmp_path, monkeypatch):
     """Through the first round; what is known of blind spots is compared on fewer steps, in which every change acts."""
     monkeypatch.setattr("train.world_model.blindness.STEPS", 10)
     motion = f"motion={beginning_of('side_kick', 0.4, tmp_path)}"

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from policy.actor import load_actor
 from robot.robot import load_robot
 from tests.train.conftest import lightly
 from tests.train.point_mass_run import rows, same
+from tests.train.programs import lightly_started
 from tests.train.worlds import beginning_of
 from train.checkpoint import Checkpoints
 from train.run import main
@@ -23,8 +23,8 @@ OVERRIDES = [
     "iterations=5",
     "num_envs=8",
     "checkpoint_every=2",
-    "learner.horizon=8",
-    "learner.exploration.steps=4",
+    "learner.horizon=4",
+    "learner.exploration.steps=2",
     "learner.minibatches=2",
     "learner.critic_hidden=[32,32]",
     "threads=1",
@@ -35,8 +35,8 @@ OVERRIDES = [
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-P", str(ROOT / "train" / "run.py"), *arguments]
-    environment = os.environ | {"KATA_RENDERER": "none"}  # a report without a video, which takes long
+    command = [*lightly_started(ROOT / "train" / "run.py"), *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment
     )
@@ -46,7 +46,7 @@ def start(*arguments: str) -> subprocess.Popen[str]:
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     whole, killed = folder / "whole", folder / "killed"
-    overrides = [f"motion={beginning_of('side_kick', 0.6, folder)}", *OVERRIDES]
+    overrides = [f"motion={beginning_of('side_kick', 0.3, folder)}", *OVERRIDES]
     process = start(*overrides, f"run_dir={killed}")
     for line in process.stdout:
         if line.startswith("iteration 3"):

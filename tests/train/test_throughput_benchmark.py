@@ -67,7 +67,8 @@ def test_unusable_input_is_exit_2_and_one_line(benchmark, capsys, arguments, mes
 
 
 def test_rounds_through_a_world_model_are_timed_part_by_part(benchmark, tmp_path, capsys):
-    setup = new_setup(compose_document([*SMALL, "world_model.processes=1", f"run_dir={tmp_path / 'run'}"]))
+    clip = f"motion={beginning_of('side_kick', 0.5, tmp_path)}"
+    setup = new_setup(compose_document([clip, *SMALL[1:], "world_model.processes=1", f"run_dir={tmp_path / 'run'}"]))
     figures = benchmark.measure_rounds(setup, 3)
     # A round of SMALL: 2 iterations of 4 steps of 8 robots; 3 updates of 16 robots for 8 steps; 2 times 4 of the model.
     per_s = figures["per_s"]

@@ -20,6 +20,7 @@ from train.learner.storage import Minibatch
 from train.learner.transfer import copy_weights, misfits
 from train.mdp.draws import normal
 from train.nan_guard import require_finite
+from train.optimizer import Adam
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class DistilLearner:
         self.buffer = Buffer(settings.capacity, generators.order)
         self._losses = WeightedLosses(settings.losses)
         self._noise = normal((num_envs, student.noise_size), 1.0, self._noise_source, device)
-        self.optimizer = torch.optim.Adam(student.parameters(), lr=settings.learning_rate.first)
+        self.optimizer = Adam(student.parameters(), lr=settings.learning_rate.first)
         self.average = self._new_average()
 
     def _new_average(self) -> WeightAverage:

@@ -21,6 +21,7 @@ from train.learner.settings import LearnerSettings
 from train.learner.storage import Minibatch, Storage
 from train.learner.transfer import copy_weights, misfits
 from train.nan_guard import require_finite
+from train.optimizer import Adam
 
 
 class Ppo:
@@ -55,7 +56,7 @@ class Ppo:
         self.rates = Rates(settings.learning_rate, settings)
         self._parameters = [[p for p in net.parameters() if p.requires_grad] for net in (actor, critic)]
         groups = [{"params": parameters, "lr": settings.learning_rate} for parameters in self._parameters]
-        self.optimizer = torch.optim.Adam(groups, fused=True)
+        self.optimizer = Adam(groups, fused=True)
         self.average = self._new_average()
         self._old_log_std = actor.log_std.detach().clone()
 

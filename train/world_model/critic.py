@@ -10,6 +10,7 @@ from torch.nn import functional
 
 from core.rotations import projected_gravity, quat_conjugate, quat_mul, quat_rotate_inverse, quat_to_matrix
 from train.learner.transfer import copy_weights, misfits
+from train.optimizer import Adam
 from train.world_model.imagination import Rollout
 from train.world_model.network import Network
 from train.world_model.settings import CriticSettings
@@ -55,7 +56,7 @@ class Critic:
         self.network, self._settings, self._gamma = network, settings, gamma
         self.averaged = copy.deepcopy(network).requires_grad_(False)
         self._lost_value, self._generator = lost_value, generator
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
+        self.optimizer = Adam(network.parameters(), lr=settings.learning_rate)
         self.loss, self.known = 0.0, False
 
     def start_from(self, weights: Mapping[str, Tensor]) -> bool:

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from core.rotations import projected_gravity
+from train.optimizer import Adam
 from train.world_model.context import context_of
 from train.world_model.model import WorldModel
 from train.world_model.ring import Ring
@@ -32,9 +33,10 @@ class ModelFitting:
 
     def __init__(self, model: WorldModel, settings: FittingSettings, ring: Ring, generator: torch.Generator) -> None:
         self.model, self._settings, self._ring, self._generator = model, settings, ring, generator
-        self.optimizer = torch.optim.AdamW(
-            model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay
-        )
+        self.optimizer = Adam(
+            model.parameters(), lr=settings.learning_rate, betas=(0.9, 0.99), weight_decay=settings.weight_decay,
+            decoupled_weight_decay=True,
+        )  # fmt: skip
         self._joints, self.normalized, self.skipped = len(model.kp_share), False, 0
         sizes = torch.tensor(self._sizes(), device=ring.device)
         self._units = torch.tensor(UNITS, device=ring.device).repeat_interleave(sizes)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from train.learner.transfer import copy_weights
+from train.optimizer import Adam
 from train.world_model.cost import terms_of, total
 from train.world_model.critic import Critic, privileged
 from train.world_model.imagination import Imagination, Rollout
@@ -47,9 +48,7 @@ class PolicyLearning:
         self.settings, self.policy, self.critic, self.model = settings, policy, critic, model
         self._imagination, self._starts = imagination, starts
         self.averaged = copy.deepcopy(policy).requires_grad_(False)
-        self.optimizer = torch.optim.Adam(
-            policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas
-        )
+        self.optimizer = Adam(policy.parameters(), lr=settings.policy.learning_rate, betas=settings.policy.betas)
         self.updates, self.skipped, self._normalized = 0, 0, False
 
     @torch.no_grad()

@@ -17,8 +17,10 @@ import pytest
 from core.errors import InputError
 from motion.clip import save_clip
 from tests.train.conftest import lightly
+from tests.train.programs import lightly_started
 from tests.train.worlds import g1, swaying_clip
-from train.report import video
+from train.config import compose_document
+from train.report import preset, video, writer
 from train.report.cli import main
 from train.report.record import read_record
 from train.report.writer import TrainingReport, rebuild
@@ -48,10 +50,12 @@ def run_dir(tmp_path_factory):
         *small,
         "iterations=3",
         "evaluate_every=2",
-        "checkpoint_every=1",
         f"run_dir={run_dir}",
     )
-    with lightly(pictures=True):
+    usual = {"last_mile": compose_document(["motion=stand", "train=last_mile"])}
+    with lightly(pictures=True), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(preset, "_presets", lambda: usual)  # of all of them test_words.py finds the nearest
+        patch.setattr(writer, "nearest_preset", preset.nearest_preset)
         assert train_main(list(arguments)) == 0
     return run_dir
 
@@ -61,6 +65,12 @@ def copied(run_dir, tmp_path, monkeypatch):
     """A copy to change; its report is not compared with the presets, which takes long."""
     monkeypatch.setattr("train.report.writer.nearest_preset", lambda document: ("", []))
     return Path(shutil.copytree(run_dir, tmp_path / "copy"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For what is about the words and the video: curves take long."""
+    monkeypatch.setattr("train.report.figures._svg", lambda panel, found, chosen: b"<svg/>")
 
 
 def page(run_dir):
@@ -113,7 +123,7 @@ def test_the_video_shows_the_clip_at_its_speed_beside_the_reference(run_dir):
     assert np.abs(pictures[0].astype(int) - pictures[5]).max() > 50
 
 
-def test_few_pictures_where_time_is_short(copied, monkeypatch):
+def test_few_pictures_where_time_is_short(copied, undrawn, monkeypatch):
     monkeypatch.setattr(video, "MIN_PICTURES", 2)
     rebuild(copied, film_budget_s=0.0)
     pictures, rate = frames(copied)
@@ -123,7 +133,7 @@ def test_few_pictures_where_time_is_short(copied, monkeypatch):
 @pytest.mark.parametrize(
     ("variable", "value", "reason"), [("KATA_RENDERER", "none", "unknown renderer, got none"), ("", "", "PyAV")]
 )
-def test_without_renderer_or_encoder_the_report_says_so(copied, monkeypatch, capsys, variable, value, reason):
+def test_without_renderer_or_encoder_the_report_says_so(copied, undrawn, monkeypatch, capsys, variable, value, reason):
     if variable:
         monkeypatch.setenv(variable, value)
     else:
@@ -133,7 +143,7 @@ def test_without_renderer_or_encoder_the_report_says_so(copied, monkeypatch, cap
     assert "No video:" in text(copied) and reason in text(copied) and "<video" not in page(copied)
 
 
-def test_a_run_that_was_killed_has_a_report_too(copied):
+def test_a_run_that_was_killed_has_a_report_too(copied, undrawn):
     for name in ("summary.json", "actor.onnx", "report.html"):
         (copied / name).unlink()
     (copied / "nan_dump_00000004.pt").touch()
@@ -177,9 +187,9 @@ def test_unusable_folders_are_refused_in_one_line(tmp_path, capsys):
 
 
 def test_the_command(copied, capsys):
-    environment = os.environ | {"KATA_RENDERER": "none", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-P", str(ROOT / "train" / "report" / "build")]
-    done = subprocess.run([*command, str(copied)], env=environment, capture_output=True, text=True, check=False)
+    command = [*lightly_started(ROOT / "train" / "report" / "build"), str(copied)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     with pytest.raises(SystemExit) as shown:
         main(["--help"])

@@ -44,22 +44,6 @@ def few_steps(monkeypatch):
     monkeypatch.setattr(blindness, "STEPS", 10)
 
 
-@pytest.fixture
-def unjudged(monkeypatch):
-    """Of a run that is not about it, an evaluation that takes no time."""
-    monkeypatch.setattr("train.session.NoisyStartEvaluator", Judge)
-
-
-class Judge:
-    """Finds one figure that is no number."""
-
-    def __init__(self, *arguments, **named):
-        pass
-
-    def evaluate(self, act):
-        return {"score": 1.0, "score_error": 0.0, "nominal_empbpe_mm": float("nan")}
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """The run folder of a tracker. Of the runs here it alone has pictures, and physics on two threads."""
@@ -126,7 +110,7 @@ def test_goals_are_learnt_with_a_trackers_model_and_played_by_kind(small, traine
     """Its policy sees something else; the model is of the robot, whatever it is told to do."""
     execute([
         small[0], "train=goals", *SMALL[2:], f"iterations={BEGUN}", "evaluate_every=null",
-        f"init_from={trained}", "init_networks=[model]", f"run_dir={tmp_path / 'run'}",
+        f"init_from={trained}", "init_networks=[model]", f"run_dir={tmp_path / 'run'}", "world_model.processes=1",
     ])  # fmt: skip
     assert "weights of model from" in capsys.readouterr().out
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
@@ -221,7 +205,7 @@ def test_clips_of_a_manifest_are_trained_together(tmp_path):
     manifest.write_text("clips:\n" + "".join(f"  - {{file: {clip}}}\n" for clip in clips))
     execute([
         f"motions={manifest}", *SMALL[1:], f"iterations={WARM_UP + 2}", f"evaluate_every={WARM_UP + 2}",
-        f"run_dir={tmp_path / 'run'}",
+        f"run_dir={tmp_path / 'run'}", "world_model.processes=1",
     ])  # fmt: skip
     rows = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert {"clip/side_kick/survival", "clip/stand/survival"} <= rows[-1].keys()
