@@ -8,7 +8,7 @@ CODE := core robot world view motion policy hal deploy sim2sim train benchmarks
 # Compiled modules are kept, whatever the machine's setting: the tests start hundreds of processes.
 export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-wires lint bench train
+.PHONY: help install demo test side-by-side test-wires lint bench train
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,12 +21,15 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 	@$(BIN)/python -P -m sim2sim.table demo/taichi.json
 	@echo "video: demo/taichi.mp4"
 
-# The tests that go side by side fill the cores: further threads of torch would only wait for one.
-# What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
+# The tests that go side by side fill the cores: further threads of torch would only wait for one. The linters go beside
+# them. What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 # Only the files that name the mark are loaded for it: the others take seconds to import.
-test: install lint  ## linters, types, import rules, tests
-	$(RUN) OMP_NUM_THREADS=1 pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
+test: install  ## linters, types, import rules, tests
+	@$(MAKE) --no-print-directory --jobs 2 lint side-by-side
 	$(RUN) pytest -rRs -m real_time $$(grep -rlw real_time tests/hal tests/deploy --include='test_*.py')
+
+side-by-side: install
+	$(RUN) OMP_NUM_THREADS=1 pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
 
 test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
 	$(RUN) pytest -rRs tests/hal/conformance --all-wires
