@@ -22,10 +22,11 @@ demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: 
 	@echo "video: demo/taichi.mp4"
 
 # The tests that go side by side fill the cores: further threads of torch would only wait for one. The linters go beside
-# them. What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
+# them, and say again at the end what is wrong.
+# What keeps time has the machine for itself. It lists what it tried again because the machine's host paused.
 # Only the files that name the mark are loaded for it: the others take seconds to import.
 test: install  ## linters, types, import rules, tests
-	@$(MAKE) --no-print-directory --jobs 2 lint side-by-side
+	@$(MAKE) --no-print-directory --jobs 2 lint side-by-side || { $(MAKE) --no-print-directory lint; exit 1; }
 	$(RUN) pytest -rRs -m real_time $$(grep -rlw real_time tests/hal tests/deploy --include='test_*.py')
 
 side-by-side: install

@@ -18,6 +18,7 @@ from motion.tables import with_tables
 from policy.actor import Actor, load_actor
 from policy.observation import asks_for, reference_tables
 from policy.spec import ActorSpec, motion_info
+from policy.told_motion import check_told_motion
 from robot.robot import Robot
 from world.scene import Scene
 
@@ -67,6 +68,8 @@ def load_run(
         raise InputError("this actor follows clips, not goals", where=actor.path, got=f"--goal {kind}", expected="full")
     with errors_in(f"motion {actor.spec.motion.name}"):
         reference = reference_for(actor.spec, clip, robot)
+    columns = [robot.joint_names.index(name) for name in actor.spec.joint_names]
+    check_told_motion(actor, reference.joint_pos_rad[:, columns])
     goal = ClipGoal(actor.spec.motion.name, clip, reference, start_pose_rad(actor, robot), kind)
     return ActorRun(actor, robot, entry, goal)
 

@@ -113,7 +113,7 @@ def _hand_back(setup: _Setup, *, in_order: bool) -> None:
     if in_order and isinstance(setup.backend, WireBackend):
         setup.backend.hand_back()
     else:
-        setup.voice.say("not handed back: the run did not end by lowering the robot")
+        setup.voice.say("not handed back: only a robot that was asked to end, was lowered and has no fault is")
 
 
 def _prepare(options: RunOptions, stack: contextlib.ExitStack, voice: Voice) -> _Setup:

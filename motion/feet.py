@@ -13,7 +13,7 @@ MAX_ANKLE_HEIGHT_M = 0.2
 
 
 def sole_points_w(robot: Robot, body_pos_w: np.ndarray, body_quat_wxyz: np.ndarray) -> np.ndarray:
-    """World positions (N,2,S,3) of the left and right sole's lowest points, of bodies (N,27,3) and (N,27,4)."""
+    """World positions (N,2,S,3) of the left and right sole's lowest points, of bodies (N,P,3) and (N,P,4)."""
     feet = robot.tracked_index(robot.feet)
     points = np.stack([robot.sole_points_m[foot] for foot in robot.feet])
     quat = np.repeat(body_quat_wxyz[:, feet, None], points.shape[1], axis=2)

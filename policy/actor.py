@@ -15,7 +15,7 @@ from core.errors import InputError
 from policy.adapters.registry import read_foreign_spec
 from policy.graph import FRAME, NEXT_STATE, STATE, check_graph
 from policy.metadata import SPEC_KEY, metadata_map, parse_metadata
-from policy.observation import asks_for, observation_layout, spec_dims
+from policy.observation import asks_for, bodies_looked_at, observation_layout, spec_dims
 from policy.session import ORT_ERRORS, one_line, open_session
 from policy.spec import ActorSpec, MotionInfo
 from robot.robot import Robot
@@ -128,7 +128,11 @@ def _check_robot(path: Path, spec: ActorSpec, robot: Robot) -> None:
             where=path,
             got="; ".join(parts),
             expected="the same names",
+            hint="give actors of this robot; in simulation --start reference needs no stand actor",
         )
+    if unknown := [body for body in bodies_looked_at(spec.observations) if body not in robot.body_names]:
+        got, expected = ", ".join(unknown), ", ".join(robot.body_names)
+        raise InputError(f"looks at a body that robot {robot.name!r} lacks", where=path, got=got, expected=expected)
     if spec.robot != robot.name:
         raise InputError("made for another robot", where=path, got=repr(spec.robot), expected=repr(robot.name))
 
@@ -157,6 +161,10 @@ def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo |
     return spec
 
 
+def _others(actor: Actor) -> dict[str, np.ndarray]:
+    return {name: value + 7.0 for name, value in actor.constant.items()}
+
+
 def _try_out(actor: Actor) -> None:
     spec = actor.spec
     dims = spec_dims(spec)
@@ -167,6 +175,9 @@ def _try_out(actor: Actor) -> None:
         raise InputError(f"the graph does not run ({one_line(error)})", where=actor.path) from error
     if action.shape != (spec.num_joints,):
         raise InputError("wrong action size", where=actor.path, got=action.size, expected=spec.num_joints)
+    if actor.constant and not np.array_equal(action, replace(actor, constant=_others(actor)).infer(zeros).action):
+        got = ", ".join(actor.constant)
+        raise InputError("the action depends on what is never told", where=actor.path, got=got)
     if not np.isfinite(action).all():
         got = "a non-finite action for a zero observation"
         raise InputError("the graph is broken", where=actor.path, got=got, expected="finite numbers")

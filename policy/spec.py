@@ -26,8 +26,8 @@ class ObservationTerm:
     """One registered term at some lags; lag 0 is now, and lags stand in the order given.
 
     The value is ``clip(scale * term, ±clip)``; with ``mean`` there is one value for all lags, their mean.
-    ``ticks``: of a term that looks ahead on the reference, how far. ``of``: of a term that reads a command, a map or a
-    point of the body, its name. ``part``: of a goal (:data:`policy.goals.PARTS`), by which the value is zero while that
+    ``ticks``: of a term that looks ahead on the reference, how far. ``of``: of a term that reads a command, a map, a
+    point or a body of the robot, its name. ``part``: of a goal (:data:`policy.goals.PARTS`), by which the value is zero while that
     part is hidden.
     """
 

@@ -40,7 +40,7 @@ GOAL_SCORES = (
 )
 AVERAGING = (
     "Each score is a mean over all steps (20 ms) of an episode until its end or fall; shown is mean ± standard "
-    "deviation over episodes. Bodies are all links, two hands and the head."
+    "deviation over episodes. Bodies are the robot's links and tracked points."
 )
 SUCCESS = GOAL_DEFINITIONS["success"]
 SURVIVAL = "share of episodes without a fall (pelvis below 0.3 m) and without a safety trip"

@@ -47,7 +47,7 @@ class StateMachine:
         self.mode = Mode.IDLE
         self.fault: Fault | None = None
         self.latched = False
-        self.lowered = False  # brought down in order, and not moved since
+        self.lowered = False  # brought down because somebody asked for the end, and told nothing since
         self.selected = 0
         self.tracked = tuple(tracked)
         self.active: ActorRun | None = None
@@ -61,6 +61,7 @@ class StateMachine:
         self._acknowledge_ticks = max(1, round(settings.acknowledge_s / period_s))
         self._patience = 0
         self._hold_wanted = False
+        self._end_asked = False
         self._finishing = 0  # ticks for which the stand actor is waited for, so that the robot can be lowered
         self._sent: Wish | None = None
         self._blend_from: Wish | None = None
@@ -71,6 +72,8 @@ class StateMachine:
         if self.mode not in ALLOWED[request]:
             allowed = ", ".join(mode.name for mode in Mode if mode in ALLOWED[request])
             return f"{request.value} refused in {self.mode.name}, possible in {allowed}"
+        self._end_asked = request is Request.FINISH or (self._end_asked and request is Request.LOWER)
+        self.lowered = self.lowered and self._end_asked
         match request:
             case Request.DAMP:
                 self._damp(latched=True)
@@ -163,7 +166,7 @@ class StateMachine:
                 return fault
             if self._settling.done:
                 self._stand_up.start(state)
-                self.mode, self.lowered = Mode.STAND_UP, False
+                self.mode = Mode.STAND_UP
         elif self.mode is Mode.STAND_UP and stand and self._stand_up and self._stand_up.done:
             if self._fixed_stand:
                 self.mode = Mode.FIXED_STAND
@@ -177,7 +180,7 @@ class StateMachine:
         elif self.mode is Mode.LOWERING and self._lowering:
             if (lost := self._lowering.lost(state)) or self._lowering.done:
                 self._damp(latched=True)
-                self.lowered = not lost
+                self.lowered = self._end_asked and not lost
         elif self.mode is Mode.BRACING and self._bracing and self._bracing.done:
             self._damp(latched=True)
         elif self.mode is Mode.HOLD and stand and active is not stand and stand.obstacle(state) is None:
@@ -198,7 +201,7 @@ class StateMachine:
 
     def _activate(self, actor: ActorRun, mode: Mode) -> None:
         actor.start()
-        self.active, self.mode, self.lowered = actor, mode, False
+        self.active, self.mode = actor, mode
         self._blend_from, self._blended = self._sent, 0
         self._hold_wanted = False
 

@@ -35,7 +35,7 @@ def people(
     """What the loop asks every tick, open until `stack` ends. mode: the machine's present state.
 
     On a real wire somebody has to be there while the robot moves, and to agree before it is taken over. buttons: that
-    stop, see Takeover and Presence. sticks: what they steer by, where they steer.
+    stop, see Takeover. sticks: what they steer by, where they steer.
     """
     consent = Consent() if options.on_real_wire else None
     sources: list[StopSource] = []
@@ -53,5 +53,5 @@ def people(
         sources.append(RemoteButtons(backend.remote, remote, clock, silent_s, sticks, ways))
     if consent is None:
         return [*buttons, *sources]
-    present = Presence(sources, mode, clock, settings, voice.complain, buttons)
-    return [Takeover(sources, consent, voice.complain, buttons, mode), present]
+    present = Presence(sources, mode, clock, settings, voice.complain)
+    return [Takeover(sources, consent, voice.complain, mode, buttons), present]

@@ -11,8 +11,7 @@ from deploy.settings import OperatorSettings
 class Presence:
     """Answers the loss of the last live stop source of a robot that moves: a warning, hold, then lowering.
 
-    A RequestSource. mode: the machine's present state. buttons: count only where no person was ever there, for nobody
-    need be near them.
+    A RequestSource. mode: the machine's present state. A stop button does not count: nobody need be near it.
     """
 
     def __init__(
@@ -22,19 +21,14 @@ class Presence:
         clock: Clock,
         settings: OperatorSettings,
         say: Callable[[str], None],
-        buttons: Sequence[StopSource] = (),
     ) -> None:
         self._sources, self._mode, self._clock, self._settings, self._say = sources, mode, clock, settings, say
-        self._buttons = buttons
         self._lost_s: float | None = None
 
     def poll(self) -> Sequence[Request]:
         """See RequestSource."""
         mode, now_s = self._mode(), self._clock.now_s()
-        here = any(source.live for source in self._sources)
-        if here:
-            self._buttons = ()
-        if mode in RESTING or here or any(button.live for button in self._buttons):
+        if mode in RESTING or any(source.live for source in self._sources):
             if self._lost_s is not None and mode not in RESTING:
                 self._say("the operator is back")
             self._lost_s = None

@@ -22,8 +22,8 @@ class Takeover:
     """The operators of a robot that may stand by its own controller. A RequestSource that holds back some requests.
 
     Standing up and damping wait for consent; standing up also for a live stop source, and for what `missing` names.
-    buttons: stop too, but nobody need be near them; nor do they drive a robot that is idle, not even to damp it: it may
-    stand by its own controller. mode: the machine's present state.
+    mode: the machine's present state. buttons: stop too, but nobody need be near them; nor do they drive a robot that is
+    idle, not even to damp it: it may stand by its own controller.
     """
 
     def __init__(
@@ -31,8 +31,8 @@ class Takeover:
         sources: Sequence[StopSource],
         consent: Consent,
         say: Callable[[str], None],
+        mode: Callable[[], Mode],
         buttons: Sequence[StopSource] = (),
-        mode: Callable[[], Mode] = lambda: Mode.IDLE,
     ) -> None:
         self._sources, self._consent, self._say, self._buttons, self._mode = sources, consent, say, buttons, mode
         self._said: str | None = None

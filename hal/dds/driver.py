@@ -114,6 +114,8 @@ class DdsDriver:
     def enable(self) -> None:
         """See Driver. Where its motion service was active, the robot is limp until the first damping is heard."""
         self._taken = False
+        if self._writer.lost is not None:
+            raise DeviceFault(f"dds: {self._writer.lost}")
         if self._service is not None:
             self._released = self._service.release(self._options.release_s) or self._released
         if self._others_command():
@@ -162,8 +164,10 @@ class DdsDriver:
     def _run(self, now_s: float) -> None:
         """One round: send what is to be sent, look out for others, pass on what ended the reader."""
         assert self._states is not None
+        if self._writer.lost is not None:
+            self._taken = False
+            self._outbox.let_go()
         outgoing = self._outbox.at(time.monotonic())
-        self._taken = self._taken and self._writer.lost is None
         if self._taken:
             outgoing = self._damping if outgoing.kind is Kind.IDLE else outgoing
             message = self._message()

@@ -81,7 +81,7 @@ class Outbox:
         self._lock = threading.Lock()
         self._serial = 0
         self._outgoing = self._damp
-        self._energised = self._halted = self._failed = False
+        self._energised = self._halted = self._failed = self._let_go = False
         self._damps: bool | None = None
 
     def at(self, now_s: float) -> Outgoing:
@@ -109,7 +109,15 @@ class Outbox:
 
     def energise(self) -> None:
         """The devices are enabled, as far as they are: from now on commands go out."""
-        self._energised = True
+        if self._let_go:
+            self._pulse.let_go()
+        self._energised = not self._let_go
+
+    def let_go(self) -> None:
+        """The devices have another controller: IDLE for good, and for the standby process as well. May be repeated."""
+        with self._lock:
+            self._let_go, self._energised = True, False
+            self._pulse.let_go()
 
     def fail(self) -> None:
         """Something in the wire process went wrong: damping, latched."""

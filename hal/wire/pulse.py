@@ -40,6 +40,10 @@ class Pulse:
         """From now on devices may be on. Said before the first is switched on."""
         self._words[ENERGISED] = 1.0
 
+    def let_go(self) -> None:
+        """The devices have another controller: nobody damps them from here, and nobody is to say so."""
+        self._words[ENERGISED] = self._words[DAMPING] = 0.0
+
     @property
     def taken(self) -> bool:
         """Whether the wire is the standby's. The wire process never commands again."""

@@ -21,13 +21,13 @@ _JOINTS = {ROOT_COLUMNS + len(joints): joints for joints in (JOINTS_29, JOINTS_2
 def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None = None) -> Clip:
     """Clip of a CSV given as bytes: root x, y, z (m), root quaternion xyzw, 29 or 23 joints (rad) in the maker's order.
 
-    The format does not state its frame rate: without `fps` it is taken as DEFAULT_FPS, and `created_by` says so. Joints
-    that the robot lacks, its wrists, are dropped. One height for the whole clip is subtracted, so that resting feet are
+    The format does not state its frame rate: without `fps` it is taken as DEFAULT_FPS, and `created_by` says so. Wrists
+    that the robot lacks are dropped. One height for the whole clip is subtracted, so that resting feet are
     on the ground. Contact is the rule of Eq. 2. Raises InputError naming `where`, line and column.
     """
     rows = _numbers(content, where)
     names = _JOINTS[rows.shape[1]]
-    kept = [i for i, name in enumerate(names) if name in robot.joint_names]
+    kept = [i for i, name in enumerate(names) if name in robot.joint_names or "wrist" not in name]
     assumed = f", {DEFAULT_FPS:g} frames per second assumed: the file does not say" if fps is None else ""
     with errors_in(where):
         clip = Clip(

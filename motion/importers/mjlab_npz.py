@@ -35,7 +35,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
     clips = {}
     for name, ordered in _ORDERS.items():
         joints = ordered(maker_order)
-        kept = [i for i, joint in enumerate(joints) if joint in robot.joint_names]
+        kept = [i for i, joint in enumerate(joints) if joint in robot.joint_names or "wrist" not in joint]
         with errors_in(where):
             clip = Clip(
                 fps=rate,
@@ -48,7 +48,7 @@ def read_mjlab(arrays: Mapping[str, np.ndarray], where: str, robot: Robot, fps: 
                 license="not stated in the file",
                 created_by=f"kata, from an .npz of {len(joints)} joints, {name}",
             )
-        clips[_body_error_m(clip, link_names(joints), body_pos, robot)] = clip
+            clips[_body_error_m(clip, link_names(joints), body_pos, robot)] = clip
     error_m, clip = min(clips.items())
     if error_m > MAX_BODY_ERROR_M:
         got = f"bodies {error_m:.3f} m off in the mean"

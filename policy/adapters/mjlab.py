@@ -1,8 +1,9 @@
 """Actors of motion tracking exported by mjlab or BeyondMimic: an ``.onnx`` that tells of itself in flat metadata.
 
 The keys hold comma-separated values, numbers rounded to three decimals by the exporters. The file tells neither its
-rate nor how a history begins: their tasks run at 50 Hz, and a history begins with its first sample repeated. The graph
-may also hand out the motion that it was trained on, frame by frame; that is not read: the clip is given beside it.
+rate nor how a history begins: their tasks run at 50 Hz, and a history begins with its first sample repeated. The clip
+is given beside it. Where the graph hands out the motion that it was trained on, the two are compared
+(:mod:`policy.told_motion`), which shows another rate as well.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ KIND = "the flat metadata of an mjlab or BeyondMimic tracking actor"
 NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
 NEEDED = ("joint_names", *NUMBERS, "observation_names")
 ANCHOR, LENGTHS = "anchor_body_name", "observation_history_lengths"
+# What newer exporters say besides, and what alone is understood here.
+TERM, NAMES, OFFSET, COMMANDS = "action_term", "action_names", "action_offset", "command_names"
+ROUNDING = 1e-3
 CONTROL_PERIOD_S, NOT_CLIPPED = 0.02, 100.0
 
 # What each of their observations is made of here; TURN looks at the anchor's body.
@@ -49,6 +53,7 @@ def read_spec(path: Path, entries: Mapping[str, str], inputs: Sequence[str], rob
             raise InputError("missing metadata", where=", ".join(missing), got=", ".join(sorted(entries)))
         joint_names = _texts(entries, "joint_names")
         stiffness, damping, default, scale = (_numbers(entries, key, len(joint_names)) for key in NUMBERS)
+        _check_action(entries, joint_names, default)
         return ActorSpec(
             robot=robot_name,
             joint_names=joint_names,
@@ -60,8 +65,21 @@ def read_spec(path: Path, entries: Mapping[str, str], inputs: Sequence[str], rob
             control_period_s=CONTROL_PERIOD_S,
             observations=(_group(entries, inputs),),
             history_start="repeat",
+            follows="any_clip",
             provenance={"source": "mjlab or BeyondMimic", "run": entries.get("run_path", "unnamed")},
         )
+
+
+def _check_action(entries: Mapping[str, str], joint_names: tuple[str, ...], default_rad: np.ndarray) -> None:
+    """Joint positions about the default pose, for one motion: what the file says must not be anything else."""
+    known = {TERM: ("joint_pos",), COMMANDS: ("motion",), NAMES: joint_names}
+    for key, wanted in known.items():
+        if key in entries and _texts(entries, key) != wanted:
+            raise InputError("not supported", where=key, got=entries[key], expected=", ".join(wanted))
+    if OFFSET in entries:
+        offset = _numbers(entries, OFFSET, len(joint_names))
+        if offset.shape != default_rad.shape or np.abs(offset - default_rad).max() > ROUNDING:
+            raise InputError("not supported", where=OFFSET, got=entries[OFFSET], expected="the default pose")
 
 
 def _group(entries: Mapping[str, str], inputs: Sequence[str]) -> ObservationGroup:
@@ -102,22 +120,21 @@ def _lengths(entries: Mapping[str, str], observed: Sequence[str]) -> list[int]:
     """How many ticks of each observation; one, where the file does not say."""
     if LENGTHS not in entries:
         return [1] * len(observed)
-    texts = _texts(entries, LENGTHS)
-    lengths = [int(text) if text.isdecimal() else 0 for text in texts]
-    if len(lengths) != len(observed) or not all(1 <= length <= MAX_LAG for length in lengths):
-        expected = f"{len(observed)} whole numbers in [1, {MAX_LAG}], one per observation"
+    lengths = _numbers(entries, LENGTHS, len(observed))  # whole ones, which the exporters write as 5.000
+    if len(lengths) != len(observed) or not all(length in range(MAX_LAG + 1) for length in lengths.tolist()):
+        expected = f"{len(observed)} whole numbers in [0, {MAX_LAG}], one per observation"
         raise InputError("not usable", where=LENGTHS, got=entries[LENGTHS], expected=expected)
-    return lengths
+    return [max(1, int(length)) for length in lengths]
 
 
 def _texts(entries: Mapping[str, str], key: str) -> tuple[str, ...]:
     return tuple(text.strip() for text in entries[key].split(","))
 
 
-def _numbers(entries: Mapping[str, str], key: str, joints: int) -> np.ndarray:
-    """One number per joint (J,); a single one holds for all of them."""
+def _numbers(entries: Mapping[str, str], key: str, count: int) -> np.ndarray:
+    """As many numbers as there are; a single one stands for `count` of them."""
     try:
         values = np.array([float(text) for text in _texts(entries, key)])
     except ValueError as error:
-        raise InputError("not all numbers", where=key, got=entries[key], expected=f"{joints} numbers") from error
-    return np.full(joints, values[0]) if values.size == 1 else values
+        raise InputError("not all numbers", where=key, got=entries[key], expected=f"{count} numbers") from error
+    return np.full(count, values[0]) if values.size == 1 else values

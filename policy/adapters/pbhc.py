@@ -64,6 +64,7 @@ def _spec(config: dict[str, Any], input_names: Sequence[str], robot_name: str) -
         control_period_s=ticks / rate_hz,
         observations=tuple(_group(config, name) for name in input_names),
         history_start="zeros",
+        follows="any_clip",
         provenance={"source": "PBHC", "experiment": str(pick(Any, config, "experiment_name"))},
     )
 

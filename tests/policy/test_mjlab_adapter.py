@@ -16,17 +16,21 @@ from core.errors import InputError
 from deploy.actors import load_run
 from deploy.cli import main as deploy
 from deploy.settings import load_settings
+from motion.importers.g1_joints import JOINTS_29
+from motion.library import open_motion
+from motion.reference import build_reference
 from policy.actor import load_actor
 from policy.controller import PolicyController
 from policy.spec import ObservationTerm
 from robot.robot import load_robot
 from sim2sim.cli import main as evaluate
-from tests.motion.robot_files import mjlab_arrays, npz_bytes
+from tests.motion.robot_files import ISAAC_29, mjlab_arrays, npz_bytes
 from tests.policy.toys import set_metadata, weights
 
-ROBOT = load_robot()
+ROBOT, WITH_WRISTS = load_robot(), load_robot("g1_29dof")
 ORDER = np.random.default_rng(7).permutation(ROBOT.num_joints)  # theirs goes through the tree level by level
 NAMES = [ROBOT.joint_names[i] for i in ORDER]
+TAICHI = build_reference(open_motion("taichi", ROBOT), ROBOT).joint_pos_rad
 OBSERVED = ("command", "motion_anchor_ori_b", "base_ang_vel", "joint_pos", "joint_vel", "actions")
 SIZE = 46 + 6 + 3 + 3 * 23
 
@@ -51,16 +55,22 @@ def metadata(robot=ROBOT, order=ORDER, **changes) -> dict[str, str]:
     return {key: value for key, value in (values | changes).items() if value is not None}
 
 
-def write_tracker(path: Path, size: int = SIZE, joints: int = 23, **changes) -> Path:
-    """A graph with their inputs and outputs: a network, and a motion of three frames picked by time_step."""
+def write_tracker(path: Path, size: int = SIZE, told=TAICHI[:, ORDER], leak: float = 0.0, **changes) -> Path:
+    """A graph with their inputs and outputs: a network, and the motion it was trained on, picked by time_step.
+
+    leak: how much of time_step reaches the action, which it should not.
+    """
+    joints = told.shape[1]
     params = weights(size, joints)
-    stored = [numpy_helper.from_array(p, f"p{i}") for i, p in enumerate(params)]
-    frames = np.arange(3 * joints, dtype=np.float32).reshape(3, joints)
-    stored += [numpy_helper.from_array(frames, "frames"), numpy_helper.from_array(np.array(2, np.int64), "last")]
+    arrays = {"frames": told.astype(np.float32), "last": np.array(len(told) - 1), "leak": np.float32([leak])}
+    arrays |= {f"p{i}": param for i, param in enumerate(params)}
+    stored = [numpy_helper.from_array(array, name) for name, array in arrays.items()]
     nodes = [
         helper.make_node("Gemm", ["obs", "p0", "p1"], ["h"], transB=1),
         helper.make_node("Tanh", ["h"], ["t"]),
-        helper.make_node("Gemm", ["t", "p2", "p3"], ["actions"], transB=1),
+        helper.make_node("Gemm", ["t", "p2", "p3"], ["network"], transB=1),
+        helper.make_node("Mul", ["time_step", "leak"], ["leaked"]),
+        helper.make_node("Add", ["network", "leaked"], ["actions"]),
         helper.make_node("Cast", ["time_step"], ["whole"], to=TensorProto.INT64),
         helper.make_node("Min", ["whole", "last"], ["row"]),
         helper.make_node("Squeeze", ["row"], ["flat"]),
@@ -83,11 +93,11 @@ def refusal(path: Path) -> str:
     return str(caught.value)
 
 
-def torso(quat_wxyz: np.ndarray, joint_pos_rad: np.ndarray) -> np.ndarray:
+def torso(robot, quat_wxyz: np.ndarray, joint_pos_rad: np.ndarray) -> np.ndarray:
     """Its rotation matrix (3, 3) in the world, by MuJoCo."""
-    data = mujoco.MjData(ROBOT.model)
+    data = mujoco.MjData(robot.model)
     data.qpos[:] = [0.0, 0.0, 0.8, *quat_wxyz, *joint_pos_rad]
-    mujoco.mj_kinematics(ROBOT.model, data)
+    mujoco.mj_kinematics(robot.model, data)
     return data.body("torso_link").xmat.reshape(3, 3).copy()
 
 
@@ -98,34 +108,55 @@ def test_the_metadata_becomes_a_spec(tmp_path):
     np.testing.assert_allclose(spec.kd, ROBOT.kd[ORDER])
     np.testing.assert_allclose(spec.default_pos_rad, ROBOT.default_pos_rad[ORDER])
     np.testing.assert_allclose(spec.action_scale, np.round(np.linspace(0.1, 0.5, 23), 3))
-    assert (spec.control_period_s, spec.history_start, spec.follows) == (0.02, "repeat", "clip")
+    assert (spec.control_period_s, spec.history_start, spec.follows) == (0.02, "repeat", "any_clip")
     assert spec.motion.name == "taichi" and spec.provenance["run"] == "group/project/run"
 
 
 @pytest.mark.parametrize("tick", [0, 40])
 def test_it_sees_what_it_saw_in_training(tmp_path, tick):
     run = load_run(write_tracker(tmp_path / "a.onnx"), "taichi", ROBOT, load_settings().entry)
-    rng, reference = np.random.default_rng(3), run.reference
+    assert_seen(run, ROBOT, ORDER, tick)
+
+
+@pytest.mark.parametrize("order", [JOINTS_29, ISAAC_29], ids=["mjlab", "Isaac Lab"])
+def test_with_wrists_too(tmp_path, order):
+    """An actor and its motion as those programs leave them."""
+    policy, motion, index = write_task(tmp_path, order)
+    assert_seen(load_run(policy, motion, WITH_WRISTS, load_settings().entry), WITH_WRISTS, index, 3)
+
+
+def write_task(folder: Path, order) -> tuple[Path, Path, np.ndarray]:
+    """Actor and motion of a task with 29 joints in this order, and the order as columns of the robot's."""
+    arrays = mjlab_arrays(WITH_WRISTS, order, num_frames=6)
+    (folder / "motion.npz").write_bytes(npz_bytes(arrays))
+    index = np.array([WITH_WRISTS.joint_names.index(name) for name in order])
+    told = arrays["joint_pos"]
+    path = write_tracker(folder / "policy.onnx", 58 + 6 + 3 + 87, told, robot=WITH_WRISTS, order=index)
+    return path, folder / "motion.npz", index
+
+
+def assert_seen(run, robot, order, tick):
+    """The observation at a tick of the clip, the first of the actor, put together by hand."""
+    rng, reference, count = np.random.default_rng(3), run.reference, robot.num_joints
     quat = np.array([0.9, 0.1, -0.2, 0.3]) / np.linalg.norm([0.9, 0.1, -0.2, 0.3])
-    gyro, joints, speeds = rng.normal(size=3), ROBOT.default_pos_rad + rng.normal(size=23) / 5, rng.normal(size=23)
-    seen = (
-        PolicyController(run.actor, ROBOT)
-        .act(quat, gyro, joints, speeds, 0.0, reference=reference, tick=tick)
-        .observation["obs"]
-    )
+    gyro, speeds = rng.normal(size=3), rng.normal(size=count)
+    joints = robot.default_pos_rad + rng.normal(size=count) / 5
+    controller = PolicyController(run.actor, robot)
+    seen = controller.act(quat, gyro, joints, speeds, 0.0, reference=reference, tick=tick).observation["obs"]
     # The clip's heading becomes the robot's where the actor takes over.
-    own, theirs = torso(quat, joints), torso(reference.root_quat_wxyz[tick], reference.joint_pos_rad[tick])
-    turn = heading(quat) - heading(reference.root_quat_wxyz[tick])
+    asked = reference.root_quat_wxyz[tick]
+    own, theirs = torso(robot, quat, joints), torso(robot, asked, reference.joint_pos_rad[tick])
+    turn = heading(quat) - heading(asked)
     about_z = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
     relative = own.T @ about_z @ theirs
     expected = np.concatenate([
-        reference.joint_pos_rad[tick][ORDER],
-        reference.joint_vel_rad_s[tick][ORDER],
+        reference.joint_pos_rad[tick][order],
+        reference.joint_vel_rad_s[tick][order],
         relative[:, :2].ravel(),
         gyro,
-        (joints - ROBOT.default_pos_rad)[ORDER],
-        speeds[ORDER],
-        np.zeros(23),
+        joints[order] - run.actor.spec.default_pos_rad,
+        speeds[order],
+        np.zeros(count),
     ])  # fmt: skip
     np.testing.assert_allclose(seen, expected, atol=2e-6)
 
@@ -151,7 +182,7 @@ def test_its_action_is_that_of_the_network_and_reaches_the_joints_by_name(tmp_pa
 
 
 def test_a_history_is_oldest_first_and_begins_with_its_first_sample(tmp_path):
-    observed, lengths = "base_ang_vel,motion_command,last_action", "3,2,1"
+    observed, lengths = "base_ang_vel,motion_command,last_action", by_comma([3.0, 2.0, 0.0])
     changes = {"observation_names": observed, "observation_history_lengths": lengths, "action_scale": "0.25"}
     run = load_run(write_tracker(tmp_path / "a.onnx", 9 + 92 + 23, **changes), "taichi", ROBOT, load_settings().entry)
     (group,) = run.actor.spec.observations
@@ -178,9 +209,17 @@ def test_a_history_is_oldest_first_and_begins_with_its_first_sample(tmp_path):
         ({"joint_damping": "1.0,much"}, "joint_damping: not all numbers, got 1.0,much, expected 23 numbers"),
         ({"joint_stiffness": "1.0,2.0"}, "kp: wrong length, got shape (2,), expected 23 numbers"),
         ({"anchor_body_name": None}, "anchor_body_name: missing metadata, got action_scale, "),
-        ({"anchor_body_name": "chest"}, "chest"),
+        ({"anchor_body_name": "chest"}, "looks at a body that robot 'g1_23dof' lacks, got chest, expected pelvis, "),
         ({"observation_history_lengths": "1,1"}, "observation_history_lengths: not usable, got 1,1, expected 6 whole"),
         ({"observation_history_lengths": "1,1,1,1,1,-1"}, "observation_history_lengths: not usable, got 1,1,1,1,1,-1"),
+        ({"observation_history_lengths": "1,1,1,1,1,1.5"}, "observation_history_lengths: not usable, got 1,1,1,1,1,1.5"),
+        ({"action_term": "joint_effort"}, "action_term: not supported, got joint_effort, expected joint_pos"),
+        ({"command_names": "twist"}, "command_names: not supported, got twist, expected motion"),
+        ({"action_names": by_comma(sorted(NAMES))}, "action_names: not supported, got left_ankle_pitch_joint,"),
+        ({"action_offset": "0.5"}, "action_offset: not supported, got 0.5, expected the default pose"),
+        ({"told": TAICHI[::2, ORDER]}, "is not the one this actor was trained on, or is played at another rate, got "),
+        ({"told": TAICHI[:-40, ORDER] + 0.2}, "the motion given is not the one this actor was trained on"),
+        ({"leak": 1e-3}, "the action depends on what is never told, got time_step"),
         (
             {"observation_names": "command,motion_anchor_pos_b,base_lin_vel,actions"},
             "observation_names: a robot does not measure its place and velocity in the world, "
@@ -193,7 +232,7 @@ def test_a_history_is_oldest_first_and_begins_with_its_first_sample(tmp_path):
 def test_what_cannot_be_played_is_refused_by_name(tmp_path, changes, text):
     path = write_tracker(tmp_path / "a.onnx", **changes)
     said = refusal(path)
-    assert text in said and said.startswith((f"{path}: ", "bodies of robot"))
+    assert text in said and said.startswith(f"{path}: ")
 
 
 def test_one_of_another_robot_is_refused(tmp_path):
@@ -217,15 +256,20 @@ def test_it_runs_through_the_loop(tmp_path, capsys):
     assert "TRACKING" in capsys.readouterr().out
 
 
-def test_the_two_files_of_a_task_with_29_joints_are_played_on_the_robot_with_wrists(tmp_path):
-    """An actor and its motion as those programs leave them, scored in simulation."""
-    robot = load_robot("g1_29dof")
-    (tmp_path / "motion.npz").write_bytes(npz_bytes(mjlab_arrays(robot, num_frames=6)))
-    policy = write_tracker(
-        tmp_path / "policy.onnx", 58 + 6 + 3 + 87, 29, robot=robot, order=np.arange(29), action_scale="0.001"
+def test_what_newer_exporters_say_besides_is_understood(tmp_path):
+    offset = by_comma(ROBOT.default_pos_rad[ORDER])
+    path = write_tracker(
+        tmp_path / "a.onnx", action_term="joint_pos", action_names=by_comma(NAMES), action_offset=offset
     )
-    given = ["--robot", "g1_29dof", "--policy", str(policy), "--motion", str(tmp_path / "motion.npz")]
+    assert load_run(path, "taichi", ROBOT, load_settings().entry).actor.spec.follows == "any_clip"
+
+
+def test_it_is_scored_on_the_robot_with_wrists(tmp_path):
+    policy, motion, _ = write_task(tmp_path, JOINTS_29)
+    given = ["--robot", "g1_29dof", "--policy", str(policy), "--motion", str(motion)]
     assert evaluate([*given, "--json", str(tmp_path / "scores.json")]) == 0
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert scores["motion"] == "motion" and np.isfinite(scores["metrics"]["empjpe_mrad"]["mean"])
-    assert "the robot lacks left_wrist_roll_joint, left_wrist_pitch_joint, " in refusal(policy)
+    said = refusal(policy)
+    assert "the robot lacks left_wrist_roll_joint, left_wrist_pitch_joint, " in said
+    assert "give actors of this robot; in simulation --start reference needs no stand actor" in said

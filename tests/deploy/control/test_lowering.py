@@ -92,17 +92,28 @@ def test_lowered_is_a_robot_that_came_down_to_the_end_and_was_not_moved_since(tm
         assert not machine.lowered
         machine.advance(state())
     assert machine.lowered
-    for ending in (Request.QUIT, Request.DAMP):
-        machine.request(ending, state())
-        assert machine.lowered
-    machine.request(Request.ACKNOWLEDGE, state())
-    machine.no_fault()
-    machine.request(Request.STAND, state())
-    while machine.mode is not Mode.STAND_UP:
+    machine.request(Request.FINISH, state())
+    assert machine.lowered
+
+
+@pytest.mark.parametrize("then", [Request.QUIT, Request.DAMP, Request.ACKNOWLEDGE])
+def test_one_that_is_told_something_else_afterwards_is_no_longer_lowered(tmp_path, then):
+    machine = standing(tmp_path)
+    machine.request(Request.FINISH, state())
+    for _ in range(TICKS + 1):
         machine.advance(state())
+    machine.request(then, state())
+    machine.request(Request.FINISH, state())
     assert not machine.lowered
-    machine.request(Request.DAMP, state())
-    assert not machine.lowered
+
+
+def test_one_that_was_lowered_though_nobody_asked_for_the_end_is_not_handed_back(tmp_path):
+    """Its operator is lost, its motors are hot or its battery is low."""
+    machine = standing(tmp_path)
+    for _ in range(TICKS + 1):
+        machine.request(Request.LOWER, state())
+        machine.advance(state())
+    assert machine.mode is Mode.DAMPING and not machine.lowered
 
 
 @pytest.mark.parametrize("request_", [Request.QUIT, Request.DAMP])

@@ -128,7 +128,7 @@ def test_an_event_in_two_pieces(pad):
 
 
 def test_standing_up_waits_until_the_stop_button_was_tried(pad):
-    gate = Takeover([pad.gamepad], Consent(given=True), pad.said.append)
+    gate = Takeover([pad.gamepad], Consent(given=True), pad.said.append, lambda: Mode.IDLE)
     gate.poll()
     for number in (7, 7):
         pad.event(number, 1)

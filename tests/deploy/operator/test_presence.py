@@ -23,23 +23,27 @@ class Person:
         return self.asks
 
 
+def idle():
+    return Mode.IDLE
+
+
 @pytest.mark.parametrize("request_", Request)
 def test_without_consent_nobody_stands_up_or_damps_a_robot_of_another_controller(request_):
     said = []
-    gate = Takeover([Person(request_)], Consent(), said.append)
+    gate = Takeover([Person(request_)], Consent(), said.append, idle)
     held_back = request_ in (Request.STAND, Request.DAMP)
     for _ in range(50):
         assert gate.poll() == ([] if held_back else [request_])
     assert len(said) == held_back
-    assert Takeover([Person(request_)], Consent(given=True), said.append).poll() == [request_]
+    assert Takeover([Person(request_)], Consent(given=True), said.append, idle).poll() == [request_]
 
 
 def test_nobody_stands_up_where_nobody_could_stop_it():
     said = []
     people = [Person(Request.STAND, Request.DAMP, live=False)]
-    assert Takeover(people, Consent(given=True), said.append).poll() == [Request.DAMP]
+    assert Takeover(people, Consent(given=True), said.append, idle).poll() == [Request.DAMP]
     assert "nobody could stop it" in said[0]
-    assert Takeover([*people, Person()], Consent(given=True), said.append).poll() == [Request.STAND, Request.DAMP]
+    assert Takeover([*people, Person()], Consent(given=True), said.append, idle).poll() == [Request.STAND, Request.DAMP]
 
 
 @pytest.mark.parametrize("mode", Mode)
@@ -85,35 +89,16 @@ class Button(Person):
 def test_a_button_damps_what_is_driven_and_takes_no_robot_that_is_idle(mode, given):
     """Pressed, or its adapter pulled out, while a robot may stand by its own controller: damping would drop it."""
     button = Button(Request.DAMP, missing="e-stop pressed: release it")
-    gate = Takeover([Person()], Consent(given), [].append, [button], lambda: mode)
+    gate = Takeover([Person()], Consent(given), [].append, lambda: mode, [button])
     assert gate.poll() == ([] if mode is Mode.IDLE else [Request.DAMP])
 
 
 def test_nobody_stands_up_while_a_button_is_pressed_or_dead():
     said = []
     button = Button(missing="e-stop cannot be read")
-    gate = Takeover([Person(Request.STAND)], Consent(given=True), said.append, [button])
+    gate = Takeover([Person(Request.STAND)], Consent(given=True), said.append, idle, [button])
     assert gate.poll() == [] and said == ["stand refused: e-stop cannot be read"]
     button.missing = None
     assert gate.poll() == [Request.STAND]
-    nobody = Takeover([Person(Request.STAND, live=False)], Consent(given=True), said.append, [button])
+    nobody = Takeover([Person(Request.STAND, live=False)], Consent(given=True), said.append, idle, [button])
     assert nobody.poll() == [] and "nobody could stop it" in said[-1]
-
-
-def test_a_button_stands_in_for_people_only_where_there_never_were_any():
-    clock, said, person, button = SimulatedClock(7.0), [], Person(live=False), Button()
-    settings = replace(SETTINGS.operator, hold_after_s=1.0, lower_after_s=3.0)
-    presence = Presence([person], lambda: Mode.READY, clock, settings, said.append, [button])
-    assert presence.poll() == () and said == []
-    person.live = True
-    assert presence.poll() == ()
-    person.live = False
-    assert presence.poll() == () and "operator lost" in said[0]
-    clock.sleep_until(10.1)
-    assert presence.poll() == (Request.LOWER,)
-
-
-def test_where_there_never_were_people_a_lost_button_is_a_lost_operator():
-    clock, said, button = SimulatedClock(7.0), [], Button(live=False)
-    presence = Presence([Person(live=False)], lambda: Mode.READY, clock, SETTINGS.operator, said.append, [button])
-    assert presence.poll() == () and "operator lost" in said[0]

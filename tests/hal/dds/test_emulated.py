@@ -143,6 +143,19 @@ def test_a_service_that_is_active_again_keeps_the_robot(emulator: Emulator) -> N
         assert sent_from_now_on(emulator) == 0
 
 
+def test_a_robot_that_restarted_before_it_was_taken_is_left_to_its_service(emulator: Emulator) -> None:
+    """Damping is all that an operator may ask for then; it would release the service of a robot that stands."""
+    with Host(emulator) as host:
+        emulator.control.fault("brown_out", "lowstate", duration_s=0.3)
+        wait(lambda: any("restarted" in fault for fault in host.faults))
+        with pytest.raises(DeviceFault, match="restarted: its own controller may drive the robot"):
+            host.driver.enable()
+        host.outbox.energise()  # as the wire process does after every attempt
+        host.damp()
+        assert sent_from_now_on(emulator) == 0 and status(emulator)["device"]["motion_service"] == "ai"
+        assert not host.outbox.energised
+
+
 def closed(emulator: Emulator, *, hand_back: bool) -> dict[str, Any]:
     """A run of the whole backend that damps, and what the robot says once it is over."""
     factory = WireFactory(DdsDriver, driver_for(emulator)._options)

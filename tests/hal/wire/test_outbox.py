@@ -123,6 +123,22 @@ def test_a_wire_process_that_wakes_up_after_its_standby_has_taken_over_only_damp
     assert damping_of(outbox.at(0.02))
 
 
+def test_devices_that_another_controller_has_are_neither_commanded_nor_damped_nor_stood_by_for(rig):
+    board, outbox = rig
+    outbox._pulse.energise()
+    outbox.energise()
+    board.post(Kind.DAMP, 1.0, command())
+    outbox.at(1.0)
+    assert outbox._pulse.energised and outbox._pulse.damping_since_s == 1.0
+    outbox.let_go()
+    for again in (outbox.halt, outbox.acknowledge, outbox.energise):
+        outbox._pulse.energise()  # as the wire process does before it enables
+        again()
+        board.post(Kind.TRACK, 1.02, command())
+        assert outbox.at(1.02).kind is Kind.IDLE and not outbox.energised
+    assert not outbox._pulse.energised and outbox._pulse.damping_since_s is None
+
+
 def test_the_loop_is_told_since_when_damping_goes_out(rig):
     board, outbox = rig
     outbox.energise()
