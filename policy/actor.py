@@ -81,6 +81,7 @@ def load_actor(name_or_file: str | Path, robot: Robot, motion: MotionInfo | None
     session = open_session(content, path)
     spec, motion_npz = _read_spec(path, session, robot, motion)
     action_name, states = check_graph(path, spec, session)
+    _check_bodies(path, spec, robot)
     constant = {entry.name: np.zeros((1, 1), np.float32) for entry in session.get_inputs() if entry.name == FRAME}
     sha256 = hashlib.sha256(content).hexdigest()
     actor = Actor(spec, sha256, motion_npz, path, session, action_name, states, constant)
@@ -130,11 +131,15 @@ def _check_robot(path: Path, spec: ActorSpec, robot: Robot) -> None:
             expected="the same names",
             hint="give actors of this robot; in simulation --start reference needs no stand actor",
         )
+    if spec.robot != robot.name:
+        raise InputError("made for another robot", where=path, got=repr(spec.robot), expected=repr(robot.name))
+
+
+def _check_bodies(path: Path, spec: ActorSpec, robot: Robot) -> None:
+    """What terms look at is there."""
     if unknown := [body for body in bodies_looked_at(spec.observations) if body not in robot.body_names]:
         got, expected = ", ".join(unknown), ", ".join(robot.body_names)
         raise InputError(f"looks at a body that robot {robot.name!r} lacks", where=path, got=got, expected=expected)
-    if spec.robot != robot.name:
-        raise InputError("made for another robot", where=path, got=repr(spec.robot), expected=repr(robot.name))
 
 
 def _with_motion(path: Path, spec: ActorSpec, robot: Robot, motion: MotionInfo | None) -> ActorSpec:

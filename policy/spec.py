@@ -27,8 +27,8 @@ class ObservationTerm:
 
     The value is ``clip(scale * term, ±clip)``; with ``mean`` there is one value for all lags, their mean.
     ``ticks``: of a term that looks ahead on the reference, how far. ``of``: of a term that reads a command, a map, a
-    point or a body of the robot, its name. ``part``: of a goal (:data:`policy.goals.PARTS`), by which the value is zero while that
-    part is hidden.
+    point or a body of the robot, its name. ``part``: of a goal (:data:`policy.goals.PARTS`), by which the value is zero
+    while that part is hidden.
     """
 
     term: str

@@ -22,8 +22,8 @@ class Takeover:
     """The operators of a robot that may stand by its own controller. A RequestSource that holds back some requests.
 
     Standing up and damping wait for consent; standing up also for a live stop source, and for what `missing` names.
-    mode: the machine's present state. buttons: stop too, but nobody need be near them; nor do they drive a robot that is
-    idle, not even to damp it: it may stand by its own controller.
+    mode: the machine's present state. buttons: stop too, but nobody need be near them; nor do they drive a robot that
+    is idle, not even to damp it: it may stand by its own controller.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ from hal.dds.tick_clock import TickClock, went_back
 from hal.wire.boards import StateBoard
 
 MODE_GRACE_S = 0.5
-RESTART_MS = 1000  # a tick that is further back is of a new start, a lesser one of a message that was overtaken
+RESTART_MS = 1000  # a tick below it, or further back, is of a new start; else a message was overtaken
 NOT_OURS = "its own controller may drive the robot: end this run, begin another"
 
 
@@ -71,7 +71,7 @@ class StateWriter:
     def _judge(self, message: np.ndarray, motorstate: np.ndarray, now_s: float) -> None:
         tick, machine = int(message["tick"]), int(message["mode_machine"])
         if self._tick is not None and went_back(tick, self._tick):
-            if went_back(tick + RESTART_MS, self._tick):
+            if tick < RESTART_MS or went_back(tick + RESTART_MS, self._tick):
                 self.lose("restarted")
             else:
                 self.latch("LowState's tick went back")

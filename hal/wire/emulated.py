@@ -7,11 +7,12 @@ from typing import Any
 
 from core import robot_time
 from core.clock import Clock
-from hal.contract.types import DeviceError, DeviceInfo
+from hal.contract.types import DeviceError, DeviceInfo, RobotState
 from hal.emulator.launch import Emulator
 from hal.wire.backend import WireBackend
 from hal.wire.driver import LINK_TIMEOUT_S, DriverFactory
-from hal.wire.pace import PaceTrial
+from hal.wire.pace import PaceTrial, PaceWatch
+from hal.wire.saying import say
 from robot.robot import Robot
 
 DAMPING_S = 0.3
@@ -34,9 +35,13 @@ class EmulatedWireBackend(WireBackend):
     ) -> None:
         super().__init__(name, robot, clock, factory, control_period_s=control_period_s, link_timeout_s=link_timeout_s)
         self.emulator, self._keep_pace = emulator, keep_pace
+        self._watch: PaceWatch | None = None
 
     def open(self) -> DeviceInfo:
-        """See Backend. With keep_pace, robot time is slowed until this machine keeps up; `details` say by how much."""
+        """See Backend. With keep_pace, robot time is slowed until this machine keeps up; `details` say by how much.
+
+        Where a run falls behind all the same, it goes on more slowly, and says so.
+        """
         info = super().open()
         if not self._keep_pace:
             return info
@@ -50,7 +55,18 @@ class EmulatedWireBackend(WireBackend):
     def _paced(self) -> str:
         if any(fault["active"] for fault in self.emulator.control.status()["faults"]):
             return "real time, for a fault is active"  # slower, it would be no better
-        return PaceTrial(self.clock, self.control_period_s, self._age_s).choose(self._set_pace)
+        chosen = PaceTrial(self.clock, self.control_period_s, self._age_s).choose(self._set_pace)
+        self._watch = PaceWatch(self.control_period_s)
+        return chosen
+
+    def read(self) -> RobotState:
+        """See Backend."""
+        state = super().read()
+        if self._watch is not None:
+            age_s = max(float(state.joint_age_s.max()), state.imu_age_s)
+            if (factor := self._watch.slower(state.time_s, age_s)) is not None:
+                threading.Thread(target=self._slow_down, args=(factor,), name="pace", daemon=True).start()
+        return state
 
     def close(self) -> None:
         """See Backend. Time goes by the machine's clock again."""
@@ -103,6 +119,14 @@ class EmulatedWireBackend(WireBackend):
         self.emulator.control.follow(pace)
         self._send(pace)
         robot_time.follow(pace)
+
+    def _slow_down(self, factor: float) -> None:
+        """In a run. The loop does not wait for it; a dead emulator shows itself as a lost link."""
+        try:
+            self._set_pace(factor)
+        except DeviceError:
+            return
+        say(f"{self.name}: the machine did not keep up, {factor:g} times slower than real time from here on")
 
     def _release(self) -> None:
         try:

@@ -1,6 +1,7 @@
 """The pace that this machine can keep with an emulated robot: the quickest at which no state grows old."""
 
 import os
+from collections import deque
 from collections.abc import Callable
 
 from core import robot_time
@@ -12,6 +13,8 @@ TRIAL_S, SETTLE_S = 1.5, 0.2
 # The rule `stale` trips at three control periods: what a short trial does not see has room.
 LONGEST_PERIODS = 0.6
 LONGEST_STEP = 2.0
+OLD_PERIODS, OLD_STATES, WITHIN_S = 1.25, 3, 1.0
+PATIENCE_S = 0.5
 
 
 def load_per_core() -> float:
@@ -50,6 +53,29 @@ class PaceTrial:
                 self._clock.sleep_until(due_s)
                 worst_s = max(worst_s, self._clock.now_s() - due_s, self._age_s())
         return worst_s / self._period_s
+
+
+class PaceWatch:
+    """Whether a run falls behind its pace: the trial saw a robot that hung at rest, and a machine as it was then.
+
+    It does where 3 states within a second are older than 1.25 control periods; one that is late alone changes nothing.
+    What was asked for has half a second to come into force.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._limit_s, self._old = OLD_PERIODS * period_s, deque[float](maxlen=OLD_STATES)
+        self._patient_until_s = 0.0
+
+    def slower(self, now_s: float, age_s: float) -> float | None:
+        """The factor to go by from now on, if it is another one; age_s: of the state read at now_s."""
+        if age_s > self._limit_s and now_s >= self._patient_until_s:
+            self._old.append(now_s)
+        factor = robot_time.machine_s(1.0)
+        if len(self._old) < OLD_STATES or now_s - self._old[0] > WITHIN_S or factor >= FACTORS[-1]:
+            return None
+        self._old.clear()
+        self._patient_until_s = now_s + PATIENCE_S
+        return _at_least(factor + 1.0)
 
 
 def _at_least(factor: float) -> float:

@@ -122,7 +122,8 @@ def test_joints_are_compared_by_name(tmp_path):
     path = write_actor(tmp_path / "a.onnx")
     assert refusal(path, toy_robot(("hip", "knee", "toe", "waist"))) == (
         f"{path}: the joints of actor and robot 'toy' differ, got the robot lacks ankle; "
-        "the actor lacks toe, waist, expected the same names"
+        "the actor lacks toe, waist, expected the same names; "
+        "give actors of this robot; in simulation --start reference needs no stand actor"
     )
     assert load_actor(path, toy_robot(("ankle", "hip", "knee"))).spec.joint_names == JOINTS
     other = replace(ROBOT, name="pogo")

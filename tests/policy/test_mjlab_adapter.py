@@ -212,7 +212,10 @@ def test_a_history_is_oldest_first_and_begins_with_its_first_sample(tmp_path):
         ({"anchor_body_name": "chest"}, "looks at a body that robot 'g1_23dof' lacks, got chest, expected pelvis, "),
         ({"observation_history_lengths": "1,1"}, "observation_history_lengths: not usable, got 1,1, expected 6 whole"),
         ({"observation_history_lengths": "1,1,1,1,1,-1"}, "observation_history_lengths: not usable, got 1,1,1,1,1,-1"),
-        ({"observation_history_lengths": "1,1,1,1,1,1.5"}, "observation_history_lengths: not usable, got 1,1,1,1,1,1.5"),
+        (
+            {"observation_history_lengths": "1,1,1,1,1,1.5"},
+            "observation_history_lengths: not usable, got 1,1,1,1,1,1.5",
+        ),
         ({"action_term": "joint_effort"}, "action_term: not supported, got joint_effort, expected joint_pos"),
         ({"command_names": "twist"}, "command_names: not supported, got twist, expected motion"),
         ({"action_names": by_comma(sorted(NAMES))}, "action_names: not supported, got left_ankle_pitch_joint,"),

@@ -8,7 +8,7 @@ import pytest
 
 from core.clock import SimulatedClock
 from core.errors import InputError
-from deploy.control.modes import Request
+from deploy.control.modes import Mode, Request
 from deploy.operator.buttons import Buttons
 from deploy.operator.gamepad import Gamepad
 from deploy.operator.takeover import Consent, Takeover
