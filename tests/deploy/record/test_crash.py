@@ -73,12 +73,12 @@ def small_disk():
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
-def failing(folder):
-    """Options for a mock whose knee reports a fault after a second."""
+def failing(folder, after_s=1.0):
+    """Options for a mock whose knee reports a fault so long after it was opened: preflight takes a part of it."""
     path = folder / "failing.yaml"
     device = yaml.safe_load(config_file("hal", "mock").read_text())
     path.write_text(
-        yaml.safe_dump(device | {"faults": [{"kind": "device_fault", "start_s": 1.0, "joint": "left_knee_joint"}]})
+        yaml.safe_dump(device | {"faults": [{"kind": "device_fault", "start_s": after_s, "joint": "left_knee_joint"}]})
     )
     return ["--backend", "mock", "--hal-config", str(path), "--realtime"]
 
@@ -86,7 +86,7 @@ def failing(folder):
 @pytest.mark.real_time
 def test_a_full_disk_ends_the_log_and_not_the_run(actor, tmp_path):
     """What trips it comes after that: exit code 3."""
-    options = (*failing(tmp_path), "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
+    options = (*failing(tmp_path, 2.5), "--log", tmp_path / "logs", "--json", tmp_path / "r.json")
     child = start(actor, *options, preexec_fn=small_disk)
     out, error = child.communicate(timeout=60)
     assert child.returncode == 3, error
