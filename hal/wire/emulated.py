@@ -36,6 +36,7 @@ class EmulatedWireBackend(WireBackend):
         super().__init__(name, robot, clock, factory, control_period_s=control_period_s, link_timeout_s=link_timeout_s)
         self.emulator, self._keep_pace = emulator, keep_pace
         self._watch: PaceWatch | None = None
+        self._slowing: threading.Thread | None = None
 
     def open(self) -> DeviceInfo:
         """See Backend. With keep_pace, robot time is slowed until this machine keeps up; `details` say by how much.
@@ -65,12 +66,15 @@ class EmulatedWireBackend(WireBackend):
         if self._watch is not None:
             age_s = max(float(state.joint_age_s.max()), state.imu_age_s)
             if (factor := self._watch.slower(state.time_s, age_s)) is not None:
-                threading.Thread(target=self._slow_down, args=(factor,), name="pace", daemon=True).start()
+                self._slowing = threading.Thread(target=self._slow_down, args=(factor,), name="pace", daemon=True)
+                self._slowing.start()
         return state
 
     def close(self) -> None:
         """See Backend. Time goes by the machine's clock again."""
         super().close()
+        if self._slowing is not None:
+            self._slowing.join()  # or its pace would begin after this end
         robot_time.follow(robot_time.Pace())
 
     @property

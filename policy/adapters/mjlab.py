@@ -121,7 +121,9 @@ def _lengths(entries: Mapping[str, str], observed: Sequence[str]) -> list[int]:
     if LENGTHS not in entries:
         return [1] * len(observed)
     lengths = _numbers(entries, LENGTHS, len(observed))  # whole ones, which the exporters write as 5.000
-    if len(lengths) != len(observed) or not all(length in range(MAX_LAG + 1) for length in lengths.tolist()):
+    if len(_texts(entries, LENGTHS)) != len(observed) or not all(
+        length in range(MAX_LAG + 1) for length in lengths.tolist()
+    ):
         expected = f"{len(observed)} whole numbers in [0, {MAX_LAG}], one per observation"
         raise InputError("not usable", where=LENGTHS, got=entries[LENGTHS], expected=expected)
     return [max(1, int(length)) for length in lengths]

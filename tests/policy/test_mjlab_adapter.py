@@ -216,6 +216,7 @@ def test_a_history_is_oldest_first_and_begins_with_its_first_sample(tmp_path):
             {"observation_history_lengths": "1,1,1,1,1,1.5"},
             "observation_history_lengths: not usable, got 1,1,1,1,1,1.5",
         ),
+        ({"observation_history_lengths": "1.000"}, "_lengths: not usable, got 1.000, expected 6 whole"),
         ({"action_term": "joint_effort"}, "action_term: not supported, got joint_effort, expected joint_pos"),
         ({"command_names": "twist"}, "command_names: not supported, got twist, expected motion"),
         ({"action_names": by_comma(sorted(NAMES))}, "action_names: not supported, got left_ankle_pitch_joint,"),
