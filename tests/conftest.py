@@ -1,5 +1,6 @@
 """Options of the tests, and further tries for one that keeps time and failed while the machine's host paused."""
 
+import gc
 import time
 from collections.abc import Generator
 from typing import Any
@@ -66,6 +67,17 @@ class TryAgain:
             why = f"no verdict: the host paused in each of {TRIES} tries, by {1e3 * paused_s:.0f} ms in the last"
             report.outcome, report.longrepr = "skipped", (str(item.path), item.location[1] or 0, why)
         return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, Any, Any]:
+    """What was loaded stays: no garbage collection looks at it, then or later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
