@@ -35,7 +35,7 @@ def _main(arguments: Sequence[str] | None, voice: Voice) -> int:
         with StopSignals() as signals:
             options = parse(arguments)
             if options.peer != "robot":
-                voice.label = "[peer simulator: checksum, mode_machine and tick are not checked] "
+                voice.label = "[peer simulator: checksum, mode_machine, tick and rate are not checked] "
             report = run_session(options, signals, voice)
     except Stopped:
         voice.say("stopped before anything was commanded")

@@ -12,7 +12,7 @@ from hal.dds.command import CommandFrames
 from hal.dds.damper import DdsDamper
 from hal.dds.link import DdsLink
 from hal.dds.motion_service import MotionService
-from hal.dds.observation import hand_refusal, refusals
+from hal.dds.observation import hand_refusal, least_hz, rate_refusal, refusals
 from hal.dds.options import SIMULATOR, WAIVED, DdsOptions, load_dds_options
 from hal.dds.slots import SlotMap
 from hal.dds.state_reader import STATE_TOPIC, StateReader
@@ -67,11 +67,12 @@ class DdsDriver:
         self._battery = BatteryReader(self._link)
         self._others = self._link.reader(COMMAND_TOPIC, LowCmd_, others_only=True)
         self._service = MotionService(self._link) if options.motion_service == "release" else None
-        self._await_states(self._states)
+        rate_hz = self._await_states(self._states)
         observed = self._states.observed()
         self._clock = TickClock.fitted([int(message["tick"]) for message, _ in observed], [s for _, s in observed])
         messages = [message for message, _ in observed]
         reasons = refusals(messages, self._states.counts, options.held, options.mode_machine, simulator=simulator)
+        reasons += [] if simulator else rate_refusal(rate_hz, options.state_hz)
         reasons += hand_refusal(self._link.published_topics())
         if reasons:
             raise DeviceFault(f"dds: refused, {self._link.name}: {'; '.join(reasons)}")
@@ -85,6 +86,7 @@ class DdsDriver:
             "mode_machine": str(message["mode_machine"]),
             "version": ".".join(str(part) for part in message["version"].tolist()),
             "motion service": f"{active!r} is active, let go before the first command" if active else "released",
+            "states": f"{rate_hz:.0f} Hz",
             "commands": f"{options.command_hz:g} Hz",
             "ages": "by the robot's tick" if self._clock.usable else "by arrival, the robot's tick is no millisecond",
         }
@@ -188,21 +190,25 @@ class DdsDriver:
             self._board.stats(f"lowstate {name}", count)
         self._board.stats("lowcmd sent", self._sent)
 
-    def _await_states(self, states: StateReader) -> None:
-        """Observe the robot for a while, and for as long as it takes to hear enough of it."""
-        wait_s = self._options.state_wait_s
-        end_s = time.monotonic() + wait_s
-        enough_s = None
-        while enough_s is None or time.monotonic() < enough_s or states.counts.heard < FEWEST_STATES:
+    def _await_states(self, states: StateReader) -> float:
+        """Observe the robot, until it is heard as often as it should be. How often at best, in Hz: this computer, when
+        busy, may listen late."""
+        options, rate_hz, since = self._options, 0.0, None
+        end_s = time.monotonic() + options.state_wait_s
+        while rate_hz < least_hz(options.state_hz) and (now_s := time.monotonic()) < end_s:
             if states.failure is not None:
                 raise DeviceError(f"dds: reading {STATE_TOPIC}: {states.failure!r}") from states.failure
-            if states.counts.heard and enough_s is None:
-                enough_s = time.monotonic() + self._options.observe_s
-                end_s = enough_s + wait_s
-            if time.monotonic() > end_s:
-                heard = f"{states.counts.heard or 'no'} LowState within {wait_s:g} s, {self._link.name}"
-                raise LinkLost(f"dds: silent robot: {heard}; is it on, and are interface and domain right?")
+            heard = states.counts.heard
+            if heard and since is None:
+                since, end_s = (now_s, heard), now_s + options.state_wait_s
+            elif since is not None and now_s >= since[0] + options.observe_s:
+                rate_hz = max(rate_hz, (heard - since[1]) / (now_s - since[0]))
+                since = (now_s, heard)
             time.sleep(PAUSE_S)
+        if states.counts.heard < FEWEST_STATES:
+            within = f"{states.counts.heard or 'no'} LowState within {options.state_wait_s:g} s, {self._link.name}"
+            raise LinkLost(f"dds: silent robot: {within}; is it on, and are interface and domain right?")
+        return rate_hz
 
     def _is_released(self) -> bool:
         return self._service is None or not self._service.active_mode()

@@ -8,6 +8,7 @@ from hal.dds.slots import DISCONNECTED, SLOT_NAMES, SLOTS, HeldMotor, machine_re
 from hal.dds.state_reader import Counts
 
 RANGE_MARGIN_RAD = 0.1
+LEAST_RATE = 0.8
 DRIVEN_HANDS = ("rt/dex3/", "rt/inspire/", "rt/brainco/")
 SPOKEN = ("mode", "q", "dq", "tau_est", "vol", "motorstate")
 
@@ -40,6 +41,18 @@ def refusals(
     reasons += _motors(messages)
     reasons += _held_ranges(last, held)
     return reasons
+
+
+def least_hz(state_hz: float) -> float:
+    """How often a robot has to be heard that promises state_hz."""
+    return LEAST_RATE * state_hz
+
+
+def rate_refusal(rate_hz: float, state_hz: float) -> list[str]:
+    """rate_hz: how often LowState came at best. A robot that is seen less often is controlled from older states."""
+    if rate_hz >= least_hz(state_hz):
+        return []
+    return [f"LowState comes at {rate_hz:.0f} Hz, {state_hz:g} Hz expected (state_hz): is the network slow or busy?"]
 
 
 def hand_refusal(topics: Iterable[str]) -> list[str]:

@@ -13,7 +13,7 @@ from hal.dds.slots import FULL_MACHINES, HeldMotor
 SERVICES = ("release", "none")
 HANDS = ("rubber",)
 ROBOT, SIMULATOR = "robot", "simulator"
-WAIVED = "peer simulator: checksum, mode_machine and tick are not checked"
+WAIVED = "peer simulator: checksum, mode_machine, tick and rate are not checked"
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,14 @@ class EmulatorOptions:
 @dataclass(frozen=True)
 class DdsOptions:
     """configs/hal/dds.yaml. peer: who is at the other end; said on the command line alone, and `simulator` on loopback
-    alone: the maker's Python simulator leaves checksum, mode_machine and tick at 0 and has no motion service."""
+    alone: the maker's Python simulator leaves checksum, mode_machine and tick at 0, sends at a rate of its own and has
+    no motion service.
+    """
 
     interface: str
     domain: int
     command_hz: float
+    state_hz: float
     link_timeout_s: float
     state_wait_s: float
     observe_s: float
@@ -58,6 +61,7 @@ class DdsOptions:
         for name in ("link_timeout_s", "state_wait_s", "observe_s", "release_s", "hand_back_s", "held_speed_rad_s"):
             positive(name, getattr(self, name))
         within("command_hz", self.command_hz, 50, 1000)
+        within("state_hz", self.state_hz, 50, 2000)
         within("domain", self.domain, 0, 232)
         one_of("motion_service", self.motion_service, SERVICES)
         one_of("mode_machine", self.mode_machine, sorted(FULL_MACHINES), "no G1 with 29 free motors")

@@ -303,7 +303,7 @@ def test_every_line_of_a_run_with_a_simulator_says_so(rig, capfd, monkeypatch):
     assert rig("--dry-run", "--peer", "simulator") == 0
     said = capfd.readouterr()
     lines = (said.out + said.err).splitlines()
-    label = "[peer simulator: checksum, mode_machine and tick are not checked] "
+    label = "[peer simulator: checksum, mode_machine, tick and rate are not checked] "
     assert len(lines) > 10 and all(line.startswith((label, "wire can, peer simulator: ")) for line in lines)
 
 

@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -20,6 +19,7 @@ from policy.actor import load_actor
 from robot.robot import load_robot
 from tests.train.conftest import lightly
 from tests.train.point_mass_run import rows
+from tests.train.programs import lightly_started
 from tests.train.worlds import beginning_of
 from train import command, session
 from train.checkpoint import Checkpoints, save_state
@@ -133,7 +133,7 @@ def test_as_a_program_it_stops_in_order_and_leaves_nothing_else_behind(tmp_path,
     # As from a background shell: SIGINT is ignored in what the process inherits.
     ignoring = 'trap "" INT; exec "$0" "$@"'
     options = [*short, "iterations=100000", f"run_dir={run_dir}"]
-    command = ["sh", "-c", ignoring, sys.executable, "-P", str(RUN), *options]
+    command = ["sh", "-c", ignoring, *lightly_started(RUN), *options]
     environment = {**os.environ, "PYTHONPATH": str(RUN.parents[1])}
     process = subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

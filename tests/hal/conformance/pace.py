@@ -6,7 +6,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 # wire -> what happens so many times a second in its file, and its limits in seconds.
-RATES = {"dds": ("command_hz", "emulator.state_hz"), "can": ("rate_hz",), "dynamixel": ("rate_hz",)}
+RATES = {"dds": ("command_hz", "state_hz", "emulator.state_hz"), "can": ("rate_hz",), "dynamixel": ("rate_hz",)}
 LIMITS = {"dds": ("link_timeout_s",), "can": ("watchdog_s",), "dynamixel": ("watchdog_s",)}
 
 

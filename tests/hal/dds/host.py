@@ -33,7 +33,7 @@ def wait(condition: Callable[[], Any], limit_s: float = LIMIT_S) -> Any:
 
 def driver_for(emulator: Emulator, **changes: Any) -> DdsDriver:
     options = load_dds_options(config_file("hal", "dds"), emulator.endpoints)
-    patient = {"command_hz": 100.0, "state_wait_s": LIMIT_S, "observe_s": 0.5}
+    patient = {"command_hz": 100.0, "state_wait_s": LIMIT_S, "observe_s": 0.5, "state_hz": 100.0}
     return DdsDriver(G1, replace(options, **(patient | changes)))
 
 

@@ -216,7 +216,9 @@ def test_the_makers_simulator_is_refused_unless_it_is_named(emulator: Emulator) 
     with pytest.raises(DeviceFault, match="bad checksum"):
         opened_and_refused(emulator)
     with Host(emulator, peer="simulator") as host:
-        assert host.info.details["peer"].startswith("peer simulator: checksum, mode_machine and tick are not checked")
+        assert host.info.details["peer"].startswith(
+            "peer simulator: checksum, mode_machine, tick and rate are not checked"
+        )
         stamp_s = host.seen().imu_stamp_s
         wait(lambda: host.seen().imu_stamp_s > stamp_s)
         host.enable()
@@ -245,6 +247,14 @@ def test_a_robot_of_which_little_is_heard_is_not_judged(emulator: Emulator) -> N
     time.sleep(0.1)
     with pytest.raises(LinkLost, match=r"silent robot: \w+ LowState within 0\.2 s"):
         opened_and_refused(emulator, state_wait_s=0.2, observe_s=0.1)
+
+
+def test_a_robot_that_is_heard_less_often_than_promised_is_refused(emulator: Emulator) -> None:
+    """It sends 100 Hz: enough where 120 are promised, of which 96 are 80 %, and too few where 150 are."""
+    with Host(emulator, state_hz=120.0) as host:
+        assert float(host.info.details["states"].removesuffix(" Hz")) == pytest.approx(100.0, abs=5.0)
+    with pytest.raises(DeviceFault, match=r"refused, domain \d+ on lo: LowState comes at \d+ Hz, 150 Hz expected"):
+        opened_and_refused(emulator, state_hz=150.0, state_wait_s=1.0)
 
 
 def test_a_second_controller_is_refused_before(emulator: Emulator) -> None:
