@@ -44,10 +44,7 @@ def lean_problem(
     """What is wrong with the IMU, None where nothing is. during: the states between two times of rest."""
     acc = _turned(up_by_acceleration(before), up_by_acceleration(after))
     quat = _turned(up_by_orientation(before), up_by_orientation(after))
-    bias = np.mean([state.imu_ang_vel_b for state in before], axis=0)
-    stamps_s = [state.time_s - state.imu_age_s for state in during]
-    rates = np.array([state.imu_ang_vel_b - bias for state in during])
-    gyro = (0.5 * (rates[1:] + rates[:-1]) * np.diff(stamps_s)[:, None]).sum(axis=0)[:2]
+    gyro = _by_gyro(during) - _gyro_bias(before) * (_stamp_s(during[-1]) - _stamp_s(during[0]))
     if (off_rad := _angle(acc, AXES[direction])) > options.turned_rad:
         return (
             f"imu: leaning {direction} looks turned by {off_rad:.2f} rad about the vertical: "
@@ -67,6 +64,22 @@ def lean_rad(before: Sequence[RobotState], now: RobotState) -> float:
     """How far the base has turned, by whichever of the two says more."""
     ways = (up_by_acceleration, up_by_orientation)
     return max(_angle(up(before), up([now])) for up in ways)
+
+
+def _by_gyro(states: Sequence[RobotState]) -> np.ndarray:
+    """(2,) how far the base has turned about its x and y, by integration."""
+    rates = np.array([state.imu_ang_vel_b[:2] for state in states])
+    return (0.5 * (rates[1:] + rates[:-1]) * np.diff([_stamp_s(state) for state in states])[:, None]).sum(axis=0)
+
+
+def _gyro_bias(states: Sequence[RobotState]) -> np.ndarray:
+    """(2,) what the gyroscope says beside what the orientation does: on its gantry a robot is never quite at rest."""
+    turned = _turned(up_by_orientation(states[:1]), up_by_orientation(states[-1:]))
+    return (_by_gyro(states) - turned) / max(_stamp_s(states[-1]) - _stamp_s(states[0]), 1e-9)
+
+
+def _stamp_s(state: RobotState) -> float:
+    return state.time_s - state.imu_age_s
 
 
 def _turned(up_before: np.ndarray, up_after: np.ndarray) -> np.ndarray:
