@@ -32,7 +32,7 @@ test: install  ## linters, types, import rules, tests
 side-by-side: install
 	$(RUN) OMP_NUM_THREADS=1 pytest --numprocesses auto --maxprocesses 5 --dist worksteal -m "not real_time"
 
-test-wires:  ## every conformance trial on every wire: 15 minutes, on a quiet machine
+test-wires:  ## every conformance trial on every wire: half an hour, on a quiet machine
 	$(RUN) pytest -rRs tests/hal/conformance --all-wires
 
 lint: install  ## ruff, mypy, import-linter

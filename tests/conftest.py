@@ -20,7 +20,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--all-wires",
         action="store_true",
-        help="every trial on every wire, with strict bounds: 15 minutes on a quiet machine",
+        help="every trial on every wire, with strict bounds: half an hour on a quiet machine",
     )
     parser.addoption(
         "--slowed",

@@ -65,8 +65,8 @@ CASES = [
     (state(imu_quat_wxyz=tilted(0.1)), leaning(0.9), None),  # it stays upright where it should lean: no danger
     (state(imu_quat_wxyz=tilted(1.31)), leaning(1.31), "tilt"),
     (state(imu_quat_wxyz=LEFT.as_quat(scalar_first=True)), leaning(0.9), None),  # the heading does not count
-    (state(imu_ang_vel_b=np.array([0.0, 0.0, 8.0])), turning(0.0, 0.0, 7.0), None),
-    (state(imu_ang_vel_b=np.array([0.0, 0.0, 8.0])), turning(0.0, 0.0, 1.9), "base_rate"),
+    (state(imu_ang_vel_b=np.array([0.0, 0.0, 8.0])), turning(0.0, 0.0, 3.1), None),
+    (state(imu_ang_vel_b=np.array([0.0, 0.0, 8.0])), turning(0.0, 0.0, 2.9), "base_rate"),
     (state(imu_ang_vel_b=np.array([0.0, 7.0, 0.0])), turning(0.0, 0.0, 7.0), "base_rate"),
     (state(imu_ang_vel_b=np.array([0.0, 7.0, 0.0])), None, "base_rate"),
     (state(imu_ang_vel_b=np.array([0.0, 0.0, 2.0])), turning(0.0, 0.0, 9.0), None),
