@@ -191,14 +191,16 @@ class DdsDriver:
         self._board.stats("lowcmd sent", self._sent)
 
     def _await_states(self, states: StateReader) -> float:
-        """Observe the robot, until it is heard as often as it should be. How often at best, in Hz: this computer, when
-        busy, may listen late."""
+        """Observe the robot, until new states come as often as they should. How often at best, in Hz: this computer,
+        when busy, may listen late."""
         options, rate_hz, since = self._options, 0.0, None
+        simulated_hz = FEWEST_STATES / options.observe_s
+        enough_hz = simulated_hz if options.peer == SIMULATOR else least_hz(options.state_hz)
         end_s = time.monotonic() + options.state_wait_s
-        while rate_hz < least_hz(options.state_hz) and (now_s := time.monotonic()) < end_s:
+        while rate_hz < enough_hz and (now_s := time.monotonic()) < end_s:
             if states.failure is not None:
                 raise DeviceError(f"dds: reading {STATE_TOPIC}: {states.failure!r}") from states.failure
-            heard = states.counts.heard
+            heard = states.counts.heard - states.counts.repeated
             if heard and since is None:
                 since, end_s = (now_s, heard), now_s + options.state_wait_s
             elif since is not None and now_s >= since[0] + options.observe_s:

@@ -49,10 +49,12 @@ def least_hz(state_hz: float) -> float:
 
 
 def rate_refusal(rate_hz: float, state_hz: float) -> list[str]:
-    """rate_hz: how often LowState came at best. A robot that is seen less often is controlled from older states."""
+    """rate_hz: how often a new LowState came at best. One that is seen less often is controlled from older states."""
     if rate_hz >= least_hz(state_hz):
         return []
-    return [f"LowState comes at {rate_hz:.0f} Hz, {state_hz:g} Hz expected (state_hz): is the network slow or busy?"]
+    return [
+        f"new LowStates come at {rate_hz:.0f} Hz, {state_hz:g} Hz expected (state_hz): is the network slow?"
+    ]
 
 
 def hand_refusal(topics: Iterable[str]) -> list[str]:

@@ -89,7 +89,7 @@ def at_rest_the_accelerometer_shows_gravity_where_the_quaternion_says(rig: Rig) 
     backend, still = rig.backend, hold(rig.robot)
     assert rig.emulator is not None
     rig.emulator.control.lean(forwards_rad=0.3, left_rad=0.2)
-    run(backend, still, 0.4)
+    run(backend, still, 1.0)
     wait_until(lambda: np.abs(run(backend, still, PERIOD_S).joint_vel_rad_s).max() < 0.05)
     force_b = np.mean([run(backend, still, PERIOD_S).imu_acc_b for _ in range(25)], axis=0)
     w, x, y, z = backend.read().imu_quat_wxyz

@@ -197,7 +197,6 @@ def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:
     [
         ("wrong_id", "lowstate", "mode_machine 4 is a G1 without waist roll and pitch"),
         ("corrupt", "lowstate", "bad checksum"),
-        ("tick_stands", "lowstate", "tick stands still"),
         ("parallel_mode", "lowstate", "mode_pr"),
         ("silence", "left_knee_joint", "missing motors: left_knee_joint"),
     ],
@@ -207,6 +206,13 @@ def test_an_unfit_robot_is_refused_with_the_reason(emulator: Emulator, kind: str
     time.sleep(0.1)
     with pytest.raises(DeviceFault, match=reason):
         opened_and_refused(emulator)
+
+
+def test_old_states_that_come_again_are_no_new_ones(emulator: Emulator) -> None:
+    emulator.control.fault("tick_stands", "lowstate")
+    time.sleep(0.1)
+    with pytest.raises(DeviceFault, match="tick stands still; new LowStates come at 0 Hz, 100 Hz expected"):
+        opened_and_refused(emulator, state_wait_s=2.0)
 
 
 def test_the_makers_simulator_is_refused_unless_it_is_named(emulator: Emulator) -> None:
@@ -253,7 +259,7 @@ def test_a_robot_that_is_heard_less_often_than_promised_is_refused(emulator: Emu
     """It sends 100 Hz: enough where 120 are promised, of which 96 are 80 %, and too few where 150 are."""
     with Host(emulator, state_hz=120.0) as host:
         assert float(host.info.details["states"].removesuffix(" Hz")) == pytest.approx(100.0, abs=5.0)
-    with pytest.raises(DeviceFault, match=r"refused, domain \d+ on lo: LowState comes at \d+ Hz, 150 Hz expected"):
+    with pytest.raises(DeviceFault, match=r"refused, domain \d+ on lo: new LowStates come at \d+ Hz, 150 Hz expected"):
         opened_and_refused(emulator, state_hz=150.0, state_wait_s=1.0)
 
 
