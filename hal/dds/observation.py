@@ -52,9 +52,7 @@ def rate_refusal(rate_hz: float, state_hz: float) -> list[str]:
     """rate_hz: how often a new LowState came at best. One that is seen less often is controlled from older states."""
     if rate_hz >= least_hz(state_hz):
         return []
-    return [
-        f"new LowStates come at {rate_hz:.0f} Hz, {state_hz:g} Hz expected (state_hz): is the network slow?"
-    ]
+    return [f"new LowStates come at {rate_hz:.0f} Hz, {state_hz:g} Hz expected (state_hz): is the network slow?"]
 
 
 def hand_refusal(topics: Iterable[str]) -> list[str]:

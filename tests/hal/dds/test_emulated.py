@@ -197,6 +197,7 @@ def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:
     [
         ("wrong_id", "lowstate", "mode_machine 4 is a G1 without waist roll and pitch"),
         ("corrupt", "lowstate", "bad checksum"),
+        ("tick_stands", "lowstate", "tick stands still; new LowStates come at 0 Hz, 100 Hz expected"),
         ("parallel_mode", "lowstate", "mode_pr"),
         ("silence", "left_knee_joint", "missing motors: left_knee_joint"),
     ],
@@ -204,15 +205,9 @@ def test_without_new_commands_every_motor_is_damped(emulator: Emulator) -> None:
 def test_an_unfit_robot_is_refused_with_the_reason(emulator: Emulator, kind: str, key: str, reason: str) -> None:
     emulator.control.fault(kind, key)
     time.sleep(0.1)
+    patient = {"state_wait_s": 2.0} if kind == "tick_stands" else {}  # a rate of 0 is waited for
     with pytest.raises(DeviceFault, match=reason):
-        opened_and_refused(emulator)
-
-
-def test_old_states_that_come_again_are_no_new_ones(emulator: Emulator) -> None:
-    emulator.control.fault("tick_stands", "lowstate")
-    time.sleep(0.1)
-    with pytest.raises(DeviceFault, match="tick stands still; new LowStates come at 0 Hz, 100 Hz expected"):
-        opened_and_refused(emulator, state_wait_s=2.0)
+        opened_and_refused(emulator, **patient)
 
 
 def test_the_makers_simulator_is_refused_unless_it_is_named(emulator: Emulator) -> None:
@@ -222,9 +217,7 @@ def test_the_makers_simulator_is_refused_unless_it_is_named(emulator: Emulator) 
     with pytest.raises(DeviceFault, match="bad checksum"):
         opened_and_refused(emulator)
     with Host(emulator, peer="simulator") as host:
-        assert host.info.details["peer"].startswith(
-            "peer simulator: checksum, mode_machine, tick and rate are not checked"
-        )
+        assert "checksum, mode_machine, tick and rate are not checked" in host.info.details["peer"]
         stamp_s = host.seen().imu_stamp_s
         wait(lambda: host.seen().imu_stamp_s > stamp_s)
         host.enable()
