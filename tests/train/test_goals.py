@@ -129,9 +129,14 @@ def test_nothing_shown_is_a_sample_of_zeros_but_for_what_is_measured():
     assert not sample[measured:].any() and sample[:measured].any()
 
 
+def clips(number):
+    """So many robots in the first clip."""
+    return torch.zeros(number, dtype=torch.long)
+
+
 def test_who_is_shown_what_by_counting():
-    goals = Goals(GoalSettings({"full": 0.5, "vr3": 0.3, "random": 0.2}), torch.Generator().manual_seed(3))
-    bits = goals.draw(40_000)
+    goals = Goals(GoalSettings({"full": 0.5, "vr3": 0.3, "random": 0.2}), ["walk"], torch.Generator().manual_seed(3))
+    bits = goals.draw(clips(40_000))
     shares = [(bits == bits_of(KINDS[kind])).float().mean().item() for kind in ("full", "vr3")]
     assert shares == pytest.approx([0.5, 0.3], abs=0.01)
     shown = visible(bits)
@@ -142,10 +147,25 @@ def test_who_is_shown_what_by_counting():
     assert shown[bits == bits_of(KINDS["vr3"])][0].tolist() == visible_in("vr3").tolist()
 
 
+def test_clips_have_shares_of_their_own_by_name():
+    """A name counts as a whole, and the first expression that fits; drawn anew within an episode, too."""
+    of_walks = {"walk_.*|stand": {"steer": 0.75, "full": 0.25}, "walk_on": {"none": 1.0}}
+    settings = GoalSettings({"full": 0.5, "vr3": 0.5}, of_walks, redraw_per_s=50.0)
+    generator = torch.Generator().manual_seed(4)
+    goals = Goals(settings, ["dance", "walk_on", "stand", "stand_up"], generator)
+    clip = torch.arange(4).repeat(10_000)
+    for bits in (goals.draw(clip), goals.after_tick(goals.draw(clip), clip, 0.02, generator)):
+        for at, expected in enumerate([[0.5, 0.5, 0.0], [0.25, 0.0, 0.75], [0.25, 0.0, 0.75], [0.5, 0.5, 0.0]]):
+            shares = [(bits[clip == at] == bits_of(KINDS[kind])).float().mean() for kind in ("full", "vr3", "steer")]
+            assert [float(share) for share in shares] == pytest.approx(expected, abs=0.02)
+    told = errors_by_kind(settings, bits, torch.ones(len(bits)))
+    assert set(told) == {f"goal/{kind}_empbpe_mm" for kind in ("full", "vr3", "steer")}
+
+
 def test_bodies_are_hidden_as_the_papers_near_poses_are():
     """By counting: how many of six bodies, and whether their place, their turn or both are shown."""
-    goals = Goals(GoalSettings({"bodies": 1.0}), torch.Generator().manual_seed(3))
-    shown = visible(goals.draw(60_000)).bool()
+    goals = Goals(GoalSettings({"bodies": 1.0}), ["walk"], torch.Generator().manual_seed(3))
+    shown = visible(goals.draw(clips(60_000))).bool()
     part = {name: shown[:, PARTS.index(name)] for name in PARTS}
     assert not part["joints"].any() and not part["steer"].any()
     assert torch.equal(part["posture"], part["heading"])
@@ -165,10 +185,11 @@ def test_goals_change_and_pause_within_an_episode_as_often_as_is_said():
     """Half of the robots see all, half by three points. At 50 Hz: 1 % a tick drawn anew, 2 % a gap of 2 to 6 ticks."""
     settings = GoalSettings({"full": 0.5, "vr3": 0.5}, redraw_per_s=0.5, gap_per_s=1.0, gap_s=(0.04, 0.12))
     generator = torch.Generator().manual_seed(3)
-    goals = Goals(settings, generator)
-    seen = [goals.draw(4000)]
+    goals = Goals(settings, ["walk"], generator)
+    of = clips(4000)
+    seen = [goals.draw(of)]
     for _ in range(300):
-        seen.append(goals.after_tick(seen[-1], 0.02, generator))
+        seen.append(goals.after_tick(seen[-1], of, 0.02, generator))
     ticks = torch.stack(seen[1:])
     shown = torch.stack([visible(bits) for bits in ticks])
     in_gap = ~shown.any(dim=-1)
@@ -184,22 +205,22 @@ def test_goals_change_and_pause_within_an_episode_as_often_as_is_said():
 
 def test_a_gap_shows_nothing_and_then_the_same_as_before():
     settings = GoalSettings({"vr3": 1.0}, gap_per_s=50.0, gap_s=(0.1, 0.1))
-    goals, generator = Goals(settings, torch.Generator().manual_seed(1)), torch.Generator().manual_seed(2)
-    bits = goals.after_tick(goals.draw(3), 0.02, generator)
+    goals, generator = Goals(settings, ["walk"], torch.Generator().manual_seed(1)), torch.Generator().manual_seed(2)
+    bits = goals.after_tick(goals.draw(clips(3)), clips(3), 0.02, generator)
     assert not visible(bits).any() and (bits >> len(PARTS) == 5).all()
     told = errors_by_kind(settings, bits, torch.tensor([1.0, 2.0, 3.0]))
     assert told == {"goal/gap_empbpe_mm": 2.0}
-    calm = Goals(GoalSettings({"vr3": 1.0}, gap_per_s=1e-9, gap_s=(0.1, 0.1)), torch.Generator())
+    calm = Goals(GoalSettings({"vr3": 1.0}, gap_per_s=1e-9, gap_s=(0.1, 0.1)), ["walk"], torch.Generator())
     for _ in range(5):
         assert not visible(bits).any()
-        bits = calm.after_tick(bits, 0.02, generator)
+        bits = calm.after_tick(bits, clips(3), 0.02, generator)
     assert visible(bits)[0].tolist() == visible_in("vr3").tolist()
 
 
 def test_without_settings_everybody_is_shown_everything_and_nothing_is_drawn():
     generator = torch.Generator().manual_seed(3)
     before = generator.get_state()
-    assert Goals(None, generator).draw(3).tolist() == [bits_of(KINDS["full"])] * 3
+    assert Goals(None, ["walk"], generator).draw(clips(3)).tolist() == [bits_of(KINDS["full"])] * 3
     assert torch.equal(generator.get_state(), before)
 
 
@@ -217,6 +238,13 @@ def test_errors_are_told_by_kind():
 def test_settings_that_make_no_sense_are_refused(kinds, message):
     with pytest.raises(InputError, match=message):
         GoalSettings(kinds)
+    with pytest.raises(InputError, match=r"kinds_of\.walk.*" + message):
+        GoalSettings({"full": 1.0}, {"walk": kinds})
+
+
+def test_an_expression_that_is_none_is_refused():
+    with pytest.raises(InputError, match=r"no regular expression"):
+        GoalSettings({"full": 1.0}, {"walk_(": {"steer": 1.0}})
 
 
 def test_what_the_actor_sees_in_training_is_what_a_robot_computes():

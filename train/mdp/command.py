@@ -55,7 +55,7 @@ class Command:
         self._starts = StartSampler(settings.start, table.num_ticks, generator)
         self._clips = ClipSampler(settings.clips, generator)
         self._figures = ClipFigures(self.names, device)
-        self.goals, self._dt_s = Goals(settings.goals, generator), dt_s
+        self.goals, self._dt_s = Goals(settings.goals, self.names, generator), dt_s
 
     def draw(self, env_ids: torch.Tensor) -> EpisodeStart:
         """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
@@ -72,7 +72,7 @@ class Command:
     def begin(self, state: EnvState, env_ids: torch.Tensor, start: EpisodeStart) -> None:
         """Write the episodes that ``env_ids`` (n,) begin into ``state``."""
         state.clip[env_ids], state.tick[env_ids], state.start_tick[env_ids] = start.clip, start.tick, start.tick
-        state.goal[env_ids] = self.goals.draw(len(env_ids)).to(state.goal.device)
+        state.goal[env_ids] = self.goals.draw(start.clip)
         state.uniform_start[env_ids] = start.uniform
         state.episode_steps[env_ids] = 0
         state.target.write(env_ids, self.table.rows(start.clip, start.tick + 1))
@@ -81,7 +81,7 @@ class Command:
         """A control tick passes; what it draws is from ``generator``."""
         state.tick += 1
         state.episode_steps += 1
-        state.goal = self.goals.after_tick(state.goal, self._dt_s, generator)
+        state.goal = self.goals.after_tick(state.goal, state.clip, self._dt_s, generator)
 
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""

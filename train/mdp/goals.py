@@ -4,6 +4,8 @@ Bit k is part k of :data:`policy.goals.PARTS`. The number above these bits is ho
 nothing is shown; after it the same parts are shown again.
 """
 
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -30,27 +32,49 @@ class GoalSettings:
     Attributes:
         kinds: share by kind of goal. ``random``: every part with the same chance, drawn for each robot; ``bodies``: one
             to six bodies, of each its place, its turn or both, as MaskedMimic hides its near poses.
+        kinds_of: shares instead of ``kinds``, by a regular expression that is the whole name of the clips they are of.
         redraw_per_s: how often a second the kind is drawn anew within an episode.
         gap_per_s: how often a second a gap begins, in which nothing is shown.
         gap_s: how long gaps last, uniform.
     """
 
     kinds: dict[str, float] = field(default_factory=lambda: {"full": 1.0})
+    kinds_of: dict[str, dict[str, float]] = field(default_factory=dict)
     redraw_per_s: float = 0.0
     gap_per_s: float = 0.0
     gap_s: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name, share in self.kinds.items():
-            where = f"environment.goals.kinds.{name}"
-            if name not in (*KINDS, RANDOM, BODIES):
-                raise InputError("no such kind of goal", where=where, expected=", ".join((*KINDS, RANDOM, BODIES)))
-            at_least(where, share, 0.0)
-        if not sum(self.kinds.values()) > 0.0:
-            raise InputError("no share above 0", where="environment.goals.kinds", got=dict(self.kinds))
+        _check_shares("environment.goals.kinds", self.kinds)
+        for pattern, kinds in self.kinds_of.items():
+            where = f"environment.goals.kinds_of.{pattern}"
+            try:
+                re.compile(pattern)
+            except re.error as e:
+                raise InputError("no regular expression", where=where, got=str(e), expected="clips' names") from None
+            _check_shares(where, kinds)
         for name in ("redraw_per_s", "gap_per_s"):
             at_least(f"environment.goals.{name}", getattr(self, name), 0.0)
         ordered("environment.goals.gap_s", self.gap_s)
+
+    def names(self) -> tuple[str, ...]:
+        """Every kind that has a share."""
+        return tuple(dict.fromkeys(name for kinds in (self.kinds, *self.kinds_of.values()) for name in kinds))
+
+    def of(self, clip: str) -> dict[str, float]:
+        """The shares of a clip: those of the first expression that is its name, or ``kinds``."""
+        fitting = (kinds for pattern, kinds in self.kinds_of.items() if re.fullmatch(pattern, clip))
+        return next(fitting, self.kinds)
+
+
+def _check_shares(where: str, kinds: Mapping[str, float]) -> None:
+    for name, share in kinds.items():
+        if name not in (*KINDS, RANDOM, BODIES):
+            known = ", ".join((*KINDS, RANDOM, BODIES))
+            raise InputError("no such kind of goal", where=f"{where}.{name}", expected=known)
+        at_least(f"{where}.{name}", share, 0.0)
+    if not sum(kinds.values()) > 0.0:
+        raise InputError("no share above 0", where=where, got=dict(kinds))
 
 
 class Goals:
@@ -58,24 +82,32 @@ class Goals:
 
     Args:
         settings: None: every robot sees everything.
+        clips: names of the C clips.
         generator: source of what each episode draws.
     """
 
-    def __init__(self, settings: GoalSettings | None, generator: torch.Generator) -> None:
+    def __init__(self, settings: GoalSettings | None, clips: Sequence[str], generator: torch.Generator) -> None:
         self._settings = settings or GoalSettings()
-        kinds = self._settings.kinds
+        kinds = self._settings.names()
         bits = [bits_of(KINDS.get(name, ())) for name in kinds]
-        self._shares = torch.tensor([list(kinds.values())], device=CPU)
+        shares = [[of.get(kind, 0.0) for kind in kinds] for of in map(self._settings.of, clips)]
+        self._shares = torch.tensor(shares, device=CPU)
         self._drawn = {name: torch.tensor([kind == name for kind in kinds], device=CPU) for name in (RANDOM, BODIES)}
         self._bits = torch.tensor(bits, device=CPU)
         self._fixed, self._generator = settings is None, generator
 
-    def draw(self, number: int, generator: torch.Generator | None = None) -> torch.Tensor:
-        """Bits (n,) of what each robot is shown; from another source than that of episodes where one is given."""
+    def draw(self, clip: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
+        """Bits (n,) of what robots in clips (n,) are shown, on their device.
+
+        They are drawn from another source than that of episodes where one is given.
+        """
+        number = len(clip)
         if self._fixed:
-            return self._bits.expand(number).clone()
-        source = self._generator if generator is None else generator
-        kind = choice(self._shares.expand(number, -1), source)
+            return self._bits.expand(number).clone().to(clip.device)
+        return self._drawn_for(clip.cpu(), self._generator if generator is None else generator).to(clip.device)
+
+    def _drawn_for(self, clip: torch.Tensor, source: torch.Generator) -> torch.Tensor:
+        number, kind = len(clip), choice(self._shares[clip], source)
         chance = rand((number, 1), source, CPU)
         shown = rand((number, len(PARTS)), source, CPU) < chance
         drawn = (shown.long() << torch.arange(len(PARTS), device=CPU)).sum(dim=1)
@@ -84,14 +116,19 @@ class Goals:
             return bits
         return torch.where(self._drawn[BODIES][kind], _bodies(number, source), bits)
 
-    def after_tick(self, bits: torch.Tensor, dt_s: float, generator: torch.Generator) -> torch.Tensor:
-        """Bits (B,) a tick of ``dt_s`` later: some drawn anew, gaps that end and begin, where the settings have any."""
+    def after_tick(
+        self, bits: torch.Tensor, clip: torch.Tensor, dt_s: float, generator: torch.Generator
+    ) -> torch.Tensor:
+        """Bits (B,) of robots in clips (B,) a tick of ``dt_s`` later.
+
+        Some are drawn anew, gaps end and begin, where the settings have any.
+        """
         s, number = self._settings, len(bits)
         if s.redraw_per_s == 0.0 and s.gap_per_s == 0.0:
             return bits
         shown, left = bits.cpu() % (1 << len(PARTS)), (bits.cpu() >> len(PARTS)).sub(1).clamp(min=0)
         redrawn = rand((number,), generator, CPU) < s.redraw_per_s * dt_s
-        shown = torch.where(redrawn, self.draw(number, generator), shown)
+        shown = torch.where(redrawn, self.draw(clip.cpu(), generator), shown)
         begins = (rand((number,), generator, CPU) < s.gap_per_s * dt_s) & (left == 0)
         shortest, longest = s.gap_s
         lasts_s = shortest + (longest - shortest) * rand((number,), generator, CPU)
@@ -128,7 +165,7 @@ def errors_by_kind(settings: GoalSettings | None, bits: torch.Tensor, error_mm: 
     if settings is None:
         return {}
     known = {"gap": bits >> len(PARTS) > 0}
-    known |= {name: bits == bits_of(KINDS[name]) for name in settings.kinds if name in KINDS}
-    if RANDOM in settings.kinds or BODIES in settings.kinds:
+    known |= {name: bits == bits_of(KINDS[name]) for name in settings.names() if name in KINDS}
+    if {RANDOM, BODIES} & {*settings.names()}:
         known[RANDOM] = ~torch.stack([*known.values()]).any(dim=0)
     return {f"goal/{name}_empbpe_mm": float(error_mm[of].mean()) for name, of in known.items() if of.any()}

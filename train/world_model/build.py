@@ -7,6 +7,7 @@ import torch
 from robot.robot import Robot
 from train.config import TrainConfig
 from train.learner.networks import ActorNetwork
+from train.mdp.goals import Goals
 from train.mdp.tracking import ACTION_SCALE, CONTROL_PERIOD_S, TrackingEnv
 from train.world_model.comparison import Comparison
 from train.world_model.context import QUEUE, packed_context
@@ -84,7 +85,8 @@ def _imagination(
 def _starts(
     settings: WorldModelSettings, env: TrackingEnv, ring: Ring, layout: Layout, generator: torch.Generator
 ) -> Starts:
-    return Starts(settings.starts, ring, env.command.table, layout.past, generator, env.settings.goals)
+    goals = Goals(env.settings.goals, env.command.names, generator)
+    return Starts(settings.starts, ring, env.command.table, layout.past, generator, goals)
 
 
 def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ring: Ring, past: int) -> Comparison:
@@ -93,7 +95,7 @@ def _comparison(settings: WorldModelSettings, env: TrackingEnv, robot: Robot, ri
     return Comparison(
         ring=ring,
         imagination=_imagination(settings, env, robot, generator),
-        starts=Starts(settings.starts, ring, table, past, generator),
+        starts=Starts(settings.starts, ring, table, past, generator, Goals(None, env.command.names, generator)),
         table=table,
         costs=settings.cost,
         quiet=(noise == noise.min()).nonzero()[:, 0],

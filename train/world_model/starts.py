@@ -9,7 +9,7 @@ from core.rotations import quat_from_rotvec, quat_mul
 from policy.goals import bits_of
 from train.mdp.draws import normal, one_of, rand, whole
 from train.mdp.failures import BIN_TICKS
-from train.mdp.goals import Goals, GoalSettings
+from train.mdp.goals import Goals
 from train.mdp.tick import ReferenceTable
 from train.mdp.tracking import CONTROL_PERIOD_S
 from train.world_model.ring import Ring
@@ -55,7 +55,7 @@ class Starts:
         table: the references.
         past: L.
         generator: source of randomness.
-        goals: what robots are shown; None: everything.
+        goals: draws what robots are shown.
     """
 
     def __init__(
@@ -65,10 +65,10 @@ class Starts:
         table: ReferenceTable,
         past: int,
         generator: torch.Generator,
-        goals: GoalSettings | None = None,
+        goals: Goals,
     ) -> None:
         self._settings, self._ring, self._table, self._past = settings, ring, table, past
-        self.generator, self._goals = generator, Goals(goals, generator)
+        self.generator, self._goals = generator, goals
 
     def draw(self, number: int, hard: Tensor) -> Start:
         """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
@@ -109,7 +109,7 @@ class Starts:
             age=changed(start.age, torch.zeros_like(tick)),
             clip=changed(start.clip, clip),
             tick=changed(start.tick, tick),
-            goal=changed(start.goal, self._goals.draw(number).to(start.goal.device)),
+            goal=changed(start.goal, self._goals.draw(clip)),
         )
 
     def _frames(self, number: int, hard: Tensor) -> tuple[Tensor, Tensor]:

@@ -83,6 +83,19 @@ def test_feet_count_by_how_far_they_drift_and_not_by_where_they_began():
     assert cost.flatten().tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, value, 0.0, value], abs=1e-5)
 
 
+def test_headway_counts_by_how_far_robots_come_along_the_ground_and_not_by_where_they_began():
+    way = torch.zeros(STEPS, ROBOTS, 3) + torch.tensor([5.0, -5.0, 0.8])
+    way[1:, 0] += torch.tensor([0.03, 0.04, 0.5])  # what it rises does not count
+    wanted = torch.zeros(STEPS, ROBOTS, 3)
+    wanted[3, 1, 1] = 0.12
+    s = still()
+    s = replace(s, motion=s.motion._replace(pos_w=way), reference=s.reference._replace(pos_w=wanted))
+    near, far = smooth(0.05, 0.03) / 0.1, smooth(0.12, 0.03) / 0.1
+    assert COSTS["headway"](s).flatten().tolist() == pytest.approx(
+        [0.0, 0.0, near, 0.0, near, 0.0, near, far], abs=1e-5
+    )
+
+
 def test_weights_and_the_bound_on_a_step():
     s = off(pos_w=[0.3, 0.4, 0.0])
     terms = terms_of(s, {"place": 2.0, "joints": 1.0, "spin": 0.0})
