@@ -20,6 +20,7 @@ from deploy.goals.guard import GoalGuard
 from deploy.goals.open import standing_for
 from deploy.goals.points import PointGuard
 from deploy.goals.ranges import narrowed
+from deploy.goals.settings import GoalSettings
 from deploy.goals.steering import Pilot, SteerGoal
 from deploy.settings import load_settings
 from hal.contract.types import RobotState
@@ -54,7 +55,7 @@ class SteeredScore:
     away_m: float = float("nan")
 
 
-class _Watch:
+class Watch:
     """What the guards let through beside what the robot did, tick by tick, in the heading frame asked for.
 
     place_m: (2,) where the robot is, from where it began and in the heading it had there. points: of the right hand.
@@ -107,33 +108,57 @@ class _Watch:
 
 def play_steered(request: EvaluationRequest, policy: str, episode: int) -> SteeredScore:
     """One episode of 20 s from the stand pose; all chance of it is the request's, which names the kind of goal."""
+    return watched(request, policy, episode, _by_chance)[0]
+
+
+def watched(
+    request: EvaluationRequest, policy: str, episode: int, pilot_of: Callable[["Seat"], Pilot]
+) -> tuple[SteeredScore, Watch]:
+    """The same with another pilot, and what was seen of it."""
     robot, settings, rng = load_robot(request.robot), load_settings(), request.generator(episode)
     stand = load_run("stand", None, robot, settings.entry)
     spec, period_s = read_metadata(resolve_actor(policy)).spec, stand.period_s
     standing = standing_for(spec, stand, robot)
     goals, _ = narrowed(settings.goals, spec.provenance)
     guard, points = GoalGuard(goals, period_s), PointGuard(goals, robot, standing)
-    watch = _Watch(guard, robot, points)
-    pilot: Pilot = RandomStick(goals, period_s, rng)
-    if request.goal == "reach":
-        pilot = RandomReach(goals.points.right_hand, period_s, rng)
-    if request.goal == "path":
-        pilot = path = RandomPath(goals, guard, period_s, EPISODE_S, rng, lambda: watch.place_m)
-        watch.path_m = path.points_m
+    watch = Watch(guard, robot, points)
+    pilot = pilot_of(Seat(request.goal, goals, guard, watch, period_s, rng))
     goal = SteerGoal(TASKS[request.goal], pilot, standing, guard, points)
     assert stand.clip is not None
     actor = load_actor(policy, robot, motion_info(stand.clip, goal.name, goal.start_pose_rad))
     run = ActorRun(actor, robot, settings.entry, goal)
     rig = simulated_rig(robot, settings, run, request.sim_options(), sim_model=request.sim_model)
     with rig.backend:
-        return _episode(rig, run, stand, watch, rng, request.start_noise_rad)
+        return _episode(rig, run, stand, watch, rng, request.start_noise_rad), watch
+
+
+@dataclass(frozen=True)
+class Seat:
+    """What a pilot has before him: the kind of goal, its limits and guard, what is watched, period, chance."""
+
+    kind: str
+    goals: GoalSettings
+    guard: GoalGuard
+    watch: Watch
+    period_s: float
+    rng: np.random.Generator
+
+
+def _by_chance(seat: Seat) -> Pilot:
+    if seat.kind == "reach":
+        return RandomReach(seat.goals.points.right_hand, seat.period_s, seat.rng)
+    if seat.kind == "path":
+        path = RandomPath(seat.goals, seat.guard, seat.period_s, EPISODE_S, seat.rng, lambda: seat.watch.place_m)
+        seat.watch.path_m = path.points_m
+        return path
+    return RandomStick(seat.goals, seat.period_s, seat.rng)
 
 
 def _episode(
     rig: EpisodeRig,
     run: ActorRun,
     stand: ActorRun,
-    watch: _Watch,
+    watch: Watch,
     rng: np.random.Generator,
     noise_rad: float,
 ) -> SteeredScore:

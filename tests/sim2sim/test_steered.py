@@ -15,7 +15,7 @@ from deploy.settings import load_settings
 from policy.actor import resolve_actor
 from sim2sim.cli import main
 from sim2sim.pilots import RandomPath, RandomReach, RandomStick, away_m
-from sim2sim.steered import TASKS, _Watch
+from sim2sim.steered import TASKS, Watch
 from tests.deploy.goals.toys import write_goal_actor
 from tests.deploy.toys import HEIGHT_M, PERIOD_S, ROBOT, state
 
@@ -51,7 +51,7 @@ def test_the_stick_stays_in_range_rests_at_times_and_repeats_by_its_seed():
 def test_errors_are_those_of_a_robot_that_does_a_share_of_what_it_is_told(obeys, speed_off, heading_off):
     """0.4 m/s forward, 0.5 rad/s to the left for 5 s; from a heading of 0.3 rad, with a gait that sways."""
     guard = GoalGuard(GOALS, PERIOD_S)
-    watch = _Watch(guard, ROBOT)
+    watch = Watch(guard, ROBOT)
     for tick in range(250):
         heading_rad = 0.3 + 0.5 * tick * PERIOD_S
         guard.speeds, guard.heading_rad = np.array([0.4, 0.0, 0.5]), heading_rad - 0.3
@@ -77,7 +77,7 @@ def test_the_distance_from_a_path_is_that_from_its_nearest_point():
 
 def test_a_path_is_laid_where_the_robot_began_and_looked():
     """It looks to the left at first (y), walks 1 m that way and is then 0.25 m beside the path, to its right (x)."""
-    watch = _Watch(GoalGuard(GOALS, PERIOD_S), ROBOT)
+    watch = Watch(GoalGuard(GOALS, PERIOD_S), ROBOT)
     watch.path_m = np.array([[2.0, 0.0]])
     for place in ((3.0, 1.0), (3.0, 2.0), (3.25, 2.0)):
         watch(state(truth=Truth(np.pi / 2, place_w=(*place, HEIGHT_M))), Told(), None)
@@ -88,7 +88,7 @@ def test_a_hand_is_seen_from_below_the_root_in_the_heading_asked_for():
     """In the stand pose, at the place the guard begins with; then the root turns by 0.1 rad and nothing else does."""
     standing = load_run("stand", None, ROBOT, load_settings().entry).goals.setting
     guard, points = GoalGuard(GOALS, PERIOD_S), PointGuard(GOALS, ROBOT, standing)
-    watch = _Watch(guard, ROBOT, points)
+    watch = Watch(guard, ROBOT, points)
     bodies = ROBOT.kinematics.forward(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.default_pos_rad)
     hand = bodies.pos_w[points.columns[0]] + [0.0, 0.0, HEIGHT_M]
     for _ in range(50):
