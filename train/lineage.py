@@ -30,10 +30,10 @@ class Source:
     lineage: Mapping[str, Any]
 
 
-def find_source(name: str, robot: Robot, group: ObservationGroup, where: str = "init_from") -> Source:
+def find_source(name: str, robot: Robot, group: ObservationGroup | None, where: str = "init_from") -> Source:
     """The weights of a run folder, of a bundled actor by name, or of an actor file and its companion beside it.
 
-    ``where``: the key that names it.
+    ``group``: None where it does not matter what the actor sees. ``where``: the key that names it.
 
     Raises:
         InputError: none of these, unreadable, or an actor with other joints or observations than ``group``.
@@ -66,7 +66,7 @@ def _of_run(folder: Path, where: str) -> Source:
     return Source(networks, _lineage(paths[-1], content, iteration))
 
 
-def _of_actor(name: str, robot: Robot, group: ObservationGroup, where: str) -> Source:
+def _of_actor(name: str, robot: Robot, group: ObservationGroup | None, where: str) -> Source:
     path = resolve_actor(name)
     spec = read_metadata(path).spec
     hint = "init_from=none begins from nothing" if where == "init_from" else None
@@ -80,14 +80,14 @@ def _of_actor(name: str, robot: Robot, group: ObservationGroup, where: str) -> S
     return Source({"actor": weights} | read_companion(path.parent / COMPANION_FILE, lineage["sha256"]), lineage)
 
 
-def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGroup, hint: str | None) -> None:
+def _check_spec(spec: ActorSpec, path: Path, robot: Robot, group: ObservationGroup | None, hint: str | None) -> None:
     if tuple(spec.joint_names) != tuple(robot.joint_names):
         differ = [name for name, own in zip(spec.joint_names, robot.joint_names) if name != own]
         raise InputError(
             "other joints", where=path, got=", ".join(differ[:3]) or len(spec.joint_names),
             expected=f"those of {robot.name} in its order",
         )  # fmt: skip
-    if [seen.terms for seen in spec.observations] != [group.terms]:
+    if group is not None and [seen.terms for seen in spec.observations] != [group.terms]:
         raise InputError(
             "sees something else", where=path, got=", ".join(_told(seen) for seen in spec.observations),
             expected=_told(group), hint=hint,

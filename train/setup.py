@@ -113,7 +113,9 @@ def _kept(config: TrainConfig, clips: tuple[NamedClip, ...]) -> tuple[NamedClip,
 def _source_of(config: TrainConfig, robot: Robot) -> Source | None:
     if config.init_from is None:
         return None
-    source, wanted = find_source(config.init_from, robot, config.environment.actor_group()), config.init_networks
+    wanted = config.init_networks
+    sees = None if wanted == ("model",) else config.environment.actor_group()  # a model is of the robot
+    source = find_source(config.init_from, robot, sees)
     if wanted is None:
         return source
     if missing := [name for name in wanted if name not in source.networks]:
