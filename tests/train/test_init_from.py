@@ -15,8 +15,10 @@ from tests.train.point_mass_run import make_learner, make_runner
 from tests.train.test_learner import collect
 from tests.train.worlds import beginning_of
 from train.checkpoint import Checkpoints
+from train.config import compose_document
 from train.lineage import begin_from, find_source
 from train.run import main
+from train.setup import new_setup
 
 
 @pytest.fixture(scope="module")
@@ -110,3 +112,12 @@ def test_a_whole_training_goes_on_from_an_exported_actor(tmp_path, light):
     lineage = actors[1].spec.provenance["lineage"]
     assert lineage["sha256"] == actors[0].sha256 and lineage["iteration"] == 1
     assert json.loads((second / "summary.json").read_text())["lineage"] == lineage
+
+
+def test_a_trackers_model_serves_whatever_else_the_actor_sees(tmp_path):
+    words = ["motion=side_kick", "train=goals", "init_from=tracker", f"run_dir={tmp_path / 'run'}"]
+    source = new_setup(compose_document([*words, "init_networks=[model]"])).source
+    assert source is not None and set(source.networks) == {"model"}
+    for networks in ("null", "[actor,model]", "[critic]"):
+        with pytest.raises(InputError, match="sees something else"):
+            new_setup(compose_document([*words, f"init_networks={networks}"]))
