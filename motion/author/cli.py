@@ -72,13 +72,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = choreography_names()
     text = f"clips to build: {', '.join(names)} (default: all of these), or choreography files (.yaml)"
     parser.add_argument("names", nargs="*", metavar="NAME|FILE", help=text)
-    parser.add_argument("--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips")
+    parser.add_argument(
+        "--out", type=path_argument, default=CLIPS, metavar="DIR", help="folder for the clips, made if need be"
+    )
     options = parser.parse_args(arguments)
     files = [Path(name) for name in options.names if name.endswith(".yaml")]
     if unknown := [name for name in options.names if name not in names and Path(name) not in files]:
         raise InputError("no such choreography", got=", ".join(unknown), expected=f"some of {', '.join(names)}")
-    if not options.out.is_dir():
-        raise InputError("no such folder", where="--out", got=options.out, expected="a folder for the clips")
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError("cannot be made", where=f"--out {options.out}", got=reason, expected="a folder") from None
     robot = load_robot()
     for name in options.names or names:
         path = Path(name) if name.endswith(".yaml") else CHOREOGRAPHIES / f"{name}.yaml"

@@ -132,15 +132,15 @@ def test_command_writes_the_named_clip_with_the_same_bits(
     reaching: Path, reached: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.setattr("motion.author.cli.CHOREOGRAPHIES", reaching.parent)
-    assert main([reaching.stem, "--out", str(tmp_path)]) == 0
-    built = load_clip(tmp_path / "short.npz")
+    assert main([reaching.stem, "--out", str(tmp_path / "new" / "clips")]) == 0
+    built = load_clip(tmp_path / "new" / "clips" / "short.npz")
     assert built.duration_s == 3.4 and built.sha256 == reached.sha256
     assert capsys.readouterr().out.startswith("short: 3.4 s")
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [["nothing"], ["stand", "nothing"], ["../motion/stand"], ["--what"], ["stand", "--out", "no/such/folder"]],
+    [["nothing"], ["stand", "nothing"], ["../motion/stand"], ["--what"], ["stand", "--out", "/dev/null/clips"]],
 )
 def test_command_ends_with_2_and_one_line(arguments: list[str], capsys: pytest.CaptureFixture):
     assert main(arguments) == 2
