@@ -264,3 +264,24 @@ def test_what_the_actor_sees_in_training_is_what_a_robot_computes():
 
     for trained, computed in observations_of_robots(env, 20, action_size=0.05, window=window):
         assert trained == pytest.approx(computed, abs=1e-4)
+
+
+def test_the_reference_of_who_is_told_of_speeds_alone_falls_into_his_step():
+    """Robots in the pose of 9 ticks after where the time of their episodes has come to; two are shown who they are."""
+    env = build_environment(
+        settings(goals={"kinds": {"full": 1.0}, "phase_s": 0.4}, **GOALS), ROBOT, references(), num_envs=6, seed=2,
+        threads=2,
+    )  # fmt: skip
+    state, command, steer = env.state, env.command, bits_of(("steer",))
+    paused = bits_of(("joints",)) + (3 << len(PARTS))
+    state.goal[:] = torch.tensor([steer, 0, steer, bits_of(("steer", "left_hand")), paused, steer])
+    state.clip[:] = command.num_ticks.argmax()
+    state.start_tick[:], state.episode_steps[:] = 20, 40
+    state.episode_steps[5] = 41
+    state.tick[:] = 20 + state.episode_steps
+    state.tick[2] = 75  # moved before; the search is around where it would be by time
+    ahead = command.table.rows(state.clip, torch.full_like(state.tick, 69))
+    state.physics.joint_pos_rad[:], state.physics.joint_vel_rad_s[:] = ahead.joint_pos_rad, ahead.joint_vel_rad_s
+    command.advance(state, torch.Generator())
+    assert state.tick.tolist() == [70, 70, 70, 61, 61, 62]  # the last one's turn is another
+    assert state.episode_steps.tolist() == [41, 41, 41, 41, 41, 42]

@@ -9,11 +9,14 @@ import torch
 from policy.reference import ReferenceWindow
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.failures import FailureRates
+from train.mdp.gait import tick_in_step, told_speeds_alone
 from train.mdp.goals import Goals, visible
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.starts import StartSampler
 from train.mdp.state import EnvState
 from train.mdp.tick import ReferenceRows, ReferenceTable
+
+IN_STEP_EVERY = 10  # ticks
 
 
 @dataclass(frozen=True)
@@ -79,9 +82,21 @@ class Command:
 
     def advance(self, state: EnvState, generator: torch.Generator) -> None:
         """A control tick passes; what it draws is from ``generator``."""
+        self._fall_into_step(state)
         state.tick += 1
         state.episode_steps += 1
         state.goal = self.goals.after_tick(state.goal, state.clip, self._dt_s, generator)
+
+    def _fall_into_step(self, state: EnvState) -> None:
+        """Now and then move the reference of who is told speeds alone to within ``phase_s`` of where it would be."""
+        reach = round(self.goals.settings.phase_s / self._dt_s)
+        due = (state.episode_steps % IN_STEP_EVERY == 0) & told_speeds_alone(state.goal)
+        (rows,) = due.nonzero(as_tuple=True)
+        if not reach or not len(rows):
+            return
+        by_time = state.start_tick[rows] + state.episode_steps[rows]
+        joints = state.physics.joint_pos_rad[rows], state.physics.joint_vel_rad_s[rows]
+        state.tick[rows] = tick_in_step(self.table, state.clip[rows], by_time, *joints, reach)
 
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import torch
 
 from core.errors import InputError
-from core.structured import at_least, ordered
+from core.structured import at_least, ordered, within
 from policy.goals import KINDS, PARTS, POINTS, bits_of
 from train.mdp.draws import choice, rand
 
@@ -36,6 +36,7 @@ class GoalSettings:
         redraw_per_s: how often a second the kind is drawn anew within an episode.
         gap_per_s: how often a second a gap begins, in which nothing is shown.
         gap_s: how long gaps last, uniform.
+        phase_s: how far the reference may be moved in time to where a robot's gait is, of which its goal says nothing.
     """
 
     kinds: dict[str, float] = field(default_factory=lambda: {"full": 1.0})
@@ -43,6 +44,7 @@ class GoalSettings:
     redraw_per_s: float = 0.0
     gap_per_s: float = 0.0
     gap_s: tuple[float, float] = (0.0, 0.0)
+    phase_s: float = 0.0
 
     def __post_init__(self) -> None:
         _check_shares("environment.goals.kinds", self.kinds)
@@ -56,6 +58,7 @@ class GoalSettings:
         for name in ("redraw_per_s", "gap_per_s"):
             at_least(f"environment.goals.{name}", getattr(self, name), 0.0)
         ordered("environment.goals.gap_s", self.gap_s)
+        within("environment.goals.phase_s", self.phase_s, 0.0, 2.0)
 
     def names(self) -> tuple[str, ...]:
         """Every kind that has a share."""
@@ -87,10 +90,10 @@ class Goals:
     """
 
     def __init__(self, settings: GoalSettings | None, clips: Sequence[str], generator: torch.Generator) -> None:
-        self._settings = settings or GoalSettings()
-        kinds = self._settings.names()
+        self.settings = settings or GoalSettings()
+        kinds = self.settings.names()
         bits = [bits_of(KINDS.get(name, ())) for name in kinds]
-        shares = [[of.get(kind, 0.0) for kind in kinds] for of in map(self._settings.of, clips)]
+        shares = [[of.get(kind, 0.0) for kind in kinds] for of in map(self.settings.of, clips)]
         self._shares = torch.tensor(shares, device=CPU)
         self._drawn = {name: torch.tensor([kind == name for kind in kinds], device=CPU) for name in (RANDOM, BODIES)}
         self._bits = torch.tensor(bits, device=CPU)
@@ -123,7 +126,7 @@ class Goals:
 
         Some are drawn anew, gaps end and begin, where the settings have any.
         """
-        s, number = self._settings, len(bits)
+        s, number = self.settings, len(bits)
         if s.redraw_per_s == 0.0 and s.gap_per_s == 0.0:
             return bits
         shown, left = bits.cpu() % (1 << len(PARTS)), (bits.cpu() >> len(PARTS)).sub(1).clamp(min=0)

@@ -79,21 +79,16 @@ class FittingSettings:
 
 @dataclass(frozen=True)
 class StartsSettings:
-    """Where imagination starts: among the ``newest_steps``; a share in reference frames; near the reference's place.
-
-    phase_s: how far the reference may be moved in time to where a robot's gait is, of which its goal says nothing.
-    """
+    """Where imagination starts: among the ``newest_steps``; a share in reference frames; near the reference's place."""
 
     newest_steps: int
     reference_share: float
     place_m: float
-    phase_s: float
 
     def __post_init__(self) -> None:
         at_least("world_model.starts.newest_steps", self.newest_steps, 1)
         within("world_model.starts.reference_share", self.reference_share, 0.0, 1.0)
         positive("world_model.starts.place_m", self.place_m)
-        within("world_model.starts.phase_s", self.phase_s, 0.0, 2.0)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from core.rotations import quat_from_rotvec, quat_mul
-from policy.goals import bits_of
 from train.mdp.draws import normal, one_of, rand, whole
 from train.mdp.failures import BIN_TICKS
+from train.mdp.gait import tick_in_step, told_speeds_alone
 from train.mdp.goals import Goals
 from train.mdp.tick import ReferenceTable
 from train.mdp.tracking import CONTROL_PERIOD_S
@@ -18,7 +18,6 @@ from train.world_model.state import Motion, reference_motion, unpack
 
 # Standard deviations of what is added to a reference frame: m, rad, m/s, rad/s, rad, rad/s.
 PLACE_NOISE_M = (0.05, 0.05, 0.005)
-SPEED_WEIGHT_S = 0.05  # what a joint's speed counts beside its position, where poses are compared
 NOISE = {"tilt": 0.05, "lin_vel": 0.15, "ang_vel": 0.3, "joint_pos": 0.04, "joint_vel": 0.5}
 
 
@@ -69,12 +68,13 @@ class Starts:
     ) -> None:
         self._settings, self._ring, self._table, self._past = settings, ring, table, past
         self.generator, self._goals = generator, goals
+        self._reach = round(goals.settings.phase_s / CONTROL_PERIOD_S)
 
     def draw(self, number: int, hard: Tensor) -> Start:
         """``number`` starts; ``hard`` (C, bins): the weights by which frames of clips are drawn where robots fail."""
         newest = self._settings.newest_steps // self._ring.num_envs
         times, robots = self._ring.sample(number, 0, newest, self.generator)
-        start = self.in_phase(self.of(times[0], robots))
+        start = self.in_step(self.of(times[0], robots))
         return self.anchored(self._with_references(start, round(self._settings.reference_share * number), hard))
 
     def of(self, times: Tensor, robots: Tensor) -> Start:
@@ -142,24 +142,14 @@ class Starts:
             off(frames.joint_vel_rad_s, NOISE["joint_vel"]),
         )
 
-    def in_phase(self, start: Start) -> Start:
-        """Robots that are shown no more than how all moves are compared with the frame nearby whose pose is theirs.
-
-        They cannot know which foot is next. To walk out of step would cost more than to stand.
-        """
-        reach = round(self._settings.phase_s / CONTROL_PERIOD_S)
-        (free,) = ((start.goal & ~bits_of(("steer",))) == 0).nonzero(as_tuple=True)
-        if not reach or not len(free):
+    def in_step(self, start: Start) -> Start:
+        """With the references of robots that are told of speeds alone moved in time to where their gait is."""
+        (free,) = told_speeds_alone(start.goal).nonzero(as_tuple=True)
+        if not self._reach or not len(free):
             return start
-        clip, motion = start.clip[free], start.motion.rows(free)
-        offsets = torch.arange(-reach, reach + 1, device=clip.device)
-        tick = torch.minimum((start.tick[free] + offsets[:, None]).clamp(min=0), self._table.num_ticks[clip] - 1)
-        rows = self._table.rows(clip.repeat(len(offsets)), tick.flatten())
-        pose = (rows.joint_pos_rad.view(len(offsets), len(free), -1) - motion.joint_pos_rad).square().sum(dim=-1)
-        speed = (rows.joint_vel_rad_s.view(len(offsets), len(free), -1) - motion.joint_vel_rad_s).square().sum(dim=-1)
-        nearest = (pose + SPEED_WEIGHT_S**2 * speed).argmin(dim=0, keepdim=True)
+        joints = start.motion.joint_pos_rad[free], start.motion.joint_vel_rad_s[free]
         moved = start.tick.clone()
-        moved[free] = tick.gather(0, nearest)[0]
+        moved[free] = tick_in_step(self._table, start.clip[free], start.tick[free], *joints, self._reach)
         return replace(start, tick=moved)
 
     def anchored(self, start: Start) -> Start:

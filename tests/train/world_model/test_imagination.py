@@ -213,11 +213,11 @@ def test_who_is_told_of_speeds_alone_is_compared_with_the_pose_nearby_that_is_hi
     """Robots are 9 ticks ahead of their references; half of them are told nothing that says so."""
     env, _, _, learning = parts
     starts = learning._starts
-    monkeypatch.setattr(starts, "_settings", dataclasses.replace(starts._settings, phase_s=0.4))
+    monkeypatch.setattr(starts, "_reach", 20)
     tick = torch.full_like(start.tick, 60)
     ahead = reference_motion(env.command.table.rows(start.clip, tick + 9))
     told_little = torch.arange(env.num_envs) % 2 == 0
     goal = torch.where(told_little, bits_of(("steer",)), bits_of(("steer", "left_hand")))
-    found = starts.in_phase(dataclasses.replace(start, motion=ahead, tick=tick, goal=goal))
+    found = starts.in_step(dataclasses.replace(start, motion=ahead, tick=tick, goal=goal))
     assert found.tick.tolist() == [69 if little else 60 for little in told_little]
-    assert starts.in_phase(dataclasses.replace(start, goal=torch.full_like(goal, 2))).tick is start.tick
+    assert starts.in_step(dataclasses.replace(start, goal=torch.full_like(goal, 2))).tick is start.tick
