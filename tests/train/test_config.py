@@ -248,11 +248,14 @@ REFUSED_WITH_DISTIL = [
     (["distil=null"], "teacher: does not fit distil, got tracker, expected null"),
     (["environment.teacher=trackr"], "environment.teacher: unknown layout, got trackr"),
     (["distil.capacity=1000"], "distil.capacity: no whole steps, got 1000, expected a multiple of 512 robots"),
-    (["distil.batch=5000"], "distil.batch: too many, got 5000, expected at most an iteration's samples, 4096"),
+    (["distil.batch=5000"], "distil.batch: too many, got 5000, expected at most an iteration's samples, 2048"),
     (["distil.acts.nobody={first: 1.0}"], "distil.acts.nobody: nobody of this name"),
-    (["distil.acts.encoder.first=0", "distil.acts.prior.first=0"], "distil.acts: nothing above 0, got iteration 400"),
+    (
+        [f"distil.acts.{who}.{at}=0" for who in ("encoder", "prior") for at in ("first", "last")],
+        "distil.acts: nothing above 0, got iteration 800",
+    ),
     (["distil.losses.beauty={first: 1.0}"], "distil.losses.beauty: unknown loss"),
-    (["distil.losses.kl.end=5"], "distil.losses.kl.end: before begin, got 5, expected 600 or later"),
+    (["distil.losses.kl.end=5"], "distil.losses.kl.end: before begin, got 5, expected 300 or later"),
     (["distil.student.decoder_hidden=[]"], "distil.student.decoder_hidden: unusable layers"),
     (["distil.noise=loud"], "distil.noise: unknown choice, got loud"),
     (["environment.observations=pbhc", "prior=none"], "environment.observations: missing term"),
@@ -275,7 +278,9 @@ def test_the_papers_numbers_of_distillation():
     assert (paper.num_envs, distil.steps, distil.batch, distil.student.latent) == (16384, 32, 8192, 64)
     assert distil.updates * distil.batch == distil.capacity == 524_288  # each sample once
     assert distil.learning_rate.at(0) == distil.learning_rate.at(10_000) == 2e-5
-    assert {name: ramp.at(10_000) for name, ramp in distil.acts.items() if ramp.at(10_000)} == {"encoder": 1.0}
+    for iteration in (0, 300, 10_000):
+        assert {name: now for name, ramp in distil.acts.items() if (now := ramp.at(iteration))} == {"encoder": 1.0}
+    assert {name for name, ramp in distil.losses.items() if ramp.at(10_000)} == {"action", "kl"}
     assert (goals.redraw_per_s / 30, goals.gap_per_s / 30) == pytest.approx((0.02, 0.01))
     assert tuple(30 * seconds for seconds in goals.gap_s) == pytest.approx((1.0, 9.0), abs=0.01)
     assert {kind: share for kind, share in goals.kinds.items() if share} == {"bodies": 1.0}

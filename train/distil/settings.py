@@ -82,7 +82,7 @@ class DistilSettings:
         """InputError where at some time nobody acts, or nothing counts: ramps change their slope at these only."""
         sections: Mapping[str, dict[str, Ramp]] = {"acts": self.acts, "losses": self.losses}
         for where, ramps in sections.items():
-            for iteration in {0, *(at for ramp in ramps.values() for at in (ramp.begin, ramp.end))}:
+            for iteration in sorted({0, *(at for ramp in ramps.values() for at in (ramp.begin, ramp.end))}):
                 if not sum(ramp.at(iteration) for ramp in ramps.values()) > 0.0:
                     raise InputError("nothing above 0", where=where, got=f"iteration {iteration}")
 

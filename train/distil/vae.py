@@ -125,19 +125,17 @@ class ConditionalVae(nn.Module):
     def predict(self, samples: Minibatch) -> Prediction:
         """Of n samples of what :meth:`look` returned, the episodes' ``noise`` and the teacher's ``label``.
 
-        The action is of a latent of the encoder's; figures: what the prior's mean, as deployed, is off.
+        The action is of a latent of the encoder's, the deployed one of the prior's mean.
         """
-        seen, label = samples["actor"], samples["label"]
+        seen = samples["actor"]
         x = self._deployed.normalizer(seen)
         prior = Gaussian.of(self._deployed.prior(x))
         posterior = self.encoder(x, samples["goal"], prior)
-        with torch.no_grad():
-            off = (self._action(seen, x, prior.mean) - label).square().mean()
         return Prediction(
             action=self._action(seen, x, posterior.at(samples["noise"])),
-            label=label,
+            deployed=self._action(seen, x, prior.mean),
+            label=samples["label"],
             kl=kl_divergence(posterior.mean, posterior.log_std, prior.mean, prior.log_std),
-            figures={"deployed_action": off},
         )
 
     def _action(self, observation: Tensor, normalized: Tensor, latent: Tensor) -> Tensor:

@@ -88,7 +88,7 @@ PANELS = (
     Panel(
         "Distillation", "value", ("distil/",), logarithmic=True,
         caption="action: mean square of what the student is off the teacher, with the encoder's latent; "
-        "deployed_action: with the prior's mean. kl: from the prior to the encoder, in nats.",
+        "deployed: with the prior's mean. kl: from the prior to the encoder, in nats.",
     ),
     Panel("Who acts", "share of robots", ("acts/",), caption="The teacher, or the student in one of its ways."),
     Panel(

@@ -47,7 +47,8 @@ class LinearStudent(nn.Module):
         return self.actor(seen["actor"])
 
     def predict(self, samples):
-        return Prediction(self.actor(samples["actor"]), samples["label"], torch.zeros(()))
+        action = self.actor(samples["actor"])
+        return Prediction(action, action, samples["label"], torch.zeros(()))
 
     def normalize(self, samples):
         pass

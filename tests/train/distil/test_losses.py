@@ -42,17 +42,21 @@ def test_a_sample_has_the_mean_and_the_spread_that_the_numbers_say():
 
 
 def test_losses_are_weighed_by_where_their_ramps_are():
-    """Differences 1, 2 and 0, 2: mean square 9 / 4. At iteration 20 of 10 to 30 the second weight is half way."""
+    """Mean squares: (1 + 4 + 0 + 4) / 4 and (0 + 0 + 9 + 1) / 4. At iteration 20 of 10 to 30 a weight is half way."""
     now = Prediction(
-        action=torch.tensor([[1.0, 2.0], [0.0, 5.0]]), label=torch.tensor([[0.0, 0.0], [0.0, 3.0]]),
-        kl=torch.tensor(8.0), figures={"off": torch.tensor(7.0)},
+        action=torch.tensor([[1.0, 2.0], [0.0, 5.0]]), deployed=torch.tensor([[0.0, 0.0], [3.0, 4.0]]),
+        label=torch.tensor([[0.0, 0.0], [0.0, 3.0]]), kl=torch.tensor(8.0),
     )  # fmt: skip
-    losses = WeightedLosses({"action": Ramp(1.0), "kl": Ramp(0.1, 0.3, 10, 30)})
-    total, figures = losses(now, 20)
-    assert total.item() == pytest.approx(2.25 + 0.2 * 8.0)
-    assert {name: value.item() for name, value in figures.items()} == pytest.approx(
-        {"distil/action": 2.25, "distil/kl": 8.0, "distil/loss": 3.85, "distil/off": 7.0}
-    )
+    ramp, each = Ramp(0.1, 0.3, 10, 30), {"distil/action": 2.25, "distil/deployed": 2.5, "distil/kl": 8.0}
+    for weights, loss in (
+        ({"action": Ramp(1.0), "kl": ramp}, 2.25 + 0.2 * 8.0),
+        ({"action": Ramp(1.0), "kl": ramp, "deployed": Ramp(0.5)}, 2.25 + 0.2 * 8.0 + 0.5 * 2.5),
+        ({"action": Ramp(1.0), "deployed": Ramp(0.0)}, 2.25),
+    ):
+        total, figures = WeightedLosses(weights)(now, 20)
+        assert total.item() == pytest.approx(loss)
+        told = {name: value.item() for name, value in figures.items()}
+        assert told == pytest.approx({**each, "distil/loss": loss})
 
 
 @pytest.mark.parametrize(
