@@ -11,6 +11,7 @@ from deploy.preflight import Check
 from deploy.settings import DeploySettings
 from motion.envelope import envelope_from, novelty
 from motion.filter import judge
+from motion.importers.csv_joints import ASSUMED, rate_assumed
 from robot.robot import Robot
 from world.options import load_sim_options
 
@@ -30,8 +31,11 @@ def check_clip(run: ActorRun, robot: Robot, *, binding: bool) -> list[Check]:
     known = "its actor does not say what it was trained on"
     if envelope is not None:
         known = str(novelty(run.reference, robot, envelope))
-    found = known if verdict.stable else "; ".join(verdict.reasons)
-    return [Check(f"clip {run.name}", verdict.stable or not binding, found, remarkable=not verdict.stable)]
+    found, assumed = [known] if verdict.stable else list(verdict.reasons), rate_assumed(run.clip)
+    if assumed:
+        found.append(f"{ASSUMED} (motion/process --fps makes a clip that does)")
+    remarkable = assumed or not verdict.stable
+    return [Check(f"clip {run.name}", verdict.stable or not binding, "; ".join(found), remarkable=remarkable)]
 
 
 def rehearse(run: ActorRun, robot: Robot, settings: DeploySettings, say: Callable[[str], None]) -> list[Check]:

@@ -13,7 +13,9 @@ from core.errors import InputError
 from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import load_clip, save_clip
+from motion.clip_set import NamedClip
 from motion.envelope import TRAINED_ON, envelope_of
+from motion.importers.csv_joints import ASSUMED, rate_assumed
 from motion.residual_wrench import Demand, residual_wrench
 from motion.steering import STEERED_ON, steering_range
 from policy.observation import asks_for
@@ -44,6 +46,7 @@ from train.world_model.build import build_world_model_learner
 from train.world_model.learner import WorldModelLearner
 
 EVALUATION_SEED = 12345
+NAMED = 3  # clips in a warning
 
 
 def train(setup: Setup, stop: StopRequest) -> Outcome:
@@ -128,7 +131,16 @@ def replay_dump(path: Path) -> str:
 def told_before(setup: Setup) -> list[str]:
     """What is known of the clips before anything is learnt."""
     one = [] if setup.clips else feasibility(setup.demands[0], setup.friction_needed)
-    return [*one, *friction_floor(setup)]
+    return [*assumed_rates(setup), *one, *friction_floor(setup)]
+
+
+def assumed_rates(setup: Setup) -> list[str]:
+    """A line where nothing says how fast a recording is."""
+    clips = setup.clips or (NamedClip(setup.config.motion_name, setup.clip),)
+    names = [clip.name for clip in clips if rate_assumed(clip.clip)]
+    told = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    way = "motion/process --fps makes a clip that says it; in a manifest the entry's fps does"
+    return [f"warning: {told}: {ASSUMED}; {way}"] if names else []
 
 
 def feasibility(demand: Demand, friction: float) -> list[str]:
@@ -148,7 +160,8 @@ def friction_floor(setup: Setup) -> list[str]:
     """A line where friction is not drawn as low as the configuration says."""
     asked, low = (config.environment.randomization.friction[0] for config in (setup.config, setup.followable))
     why = "the clips need it" if setup.clips else "the clip needs it"
-    return [f"friction: drawn from {low:.2f} on, not from {asked:.2f}: {why}"] if low > asked else []
+    line = f"friction: drawn from {low:.2f} on, not from {asked:.2f}: {why}"
+    return [line] if round(low, 2) > round(asked, 2) else []
 
 
 def environment_of(setup: Setup) -> Environment:

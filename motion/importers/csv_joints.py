@@ -14,6 +14,7 @@ from motion.importers.pbhc_pkl import wxyz_of_xyzw
 from robot.robot import Robot
 
 DEFAULT_FPS = 60.0
+ASSUMED = f"{DEFAULT_FPS:g} frames per second assumed: the file does not say"
 ROOT_COLUMNS = 7
 _JOINTS = {ROOT_COLUMNS + len(joints): joints for joints in (JOINTS_29, JOINTS_23)}
 
@@ -28,7 +29,7 @@ def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None 
     rows = _numbers(content, where)
     names = _JOINTS[rows.shape[1]]
     kept = [i for i, name in enumerate(names) if name in robot.joint_names or "wrist" not in name]
-    assumed = f", {DEFAULT_FPS:g} frames per second assumed: the file does not say" if fps is None else ""
+    assumed = f", {ASSUMED}" if fps is None else ""
     with errors_in(where):
         clip = Clip(
             fps=DEFAULT_FPS if fps is None else fps,
@@ -42,6 +43,11 @@ def read_csv_joints(content: bytes, where: str, robot: Robot, fps: float | None 
             created_by=f"kata, from a {len(names)}-joint CSV{assumed}",
         )
     return on_the_ground(clip, robot, where)
+
+
+def rate_assumed(clip: Clip) -> bool:
+    """Whether how fast the clip is was nowhere said."""
+    return clip.created_by.endswith(ASSUMED)
 
 
 def _numbers(content: bytes, where: str) -> np.ndarray:

@@ -26,7 +26,7 @@ from sim2sim.evaluation import Evaluation
 from sim2sim.player import Player
 from sim2sim.request import EvaluationRequest
 from tests.deploy.test_session import NoKeyboard, SwitchesAtTick
-from tests.sim2sim.toys import standing_clip, write_still_actor
+from tests.sim2sim.toys import save_csv, standing_clip, write_still_actor
 
 ROBOT, SETTINGS = load_robot(), load_settings()
 
@@ -88,6 +88,17 @@ def test_what_nobody_can_perform_is_refused_on_a_real_wire_alone(still, tmp_path
     assert [line.split()[0] for line in table([real, simulated, Check("x", True, "")]).splitlines()] == [
         "NO", "note", "ok",
     ]  # fmt: skip
+
+
+def test_a_recording_that_does_not_say_how_fast_it_is_is_pointed_out(still, tmp_path):
+    save_csv(standing_clip(1.0), tmp_path / "stand.csv")
+    save_clip(open_motion(tmp_path / "stand.csv", ROBOT, csv_fps=30.0), tmp_path / "told.npz")
+    untold, told = runs_of(still, str(tmp_path / "stand.csv"), str(tmp_path / "told.npz"))
+    (check,) = check_clip(untold, ROBOT, binding=True)
+    assert check.passed and check.remarkable
+    assert "60 frames per second assumed" in check.found and "motion/process --fps" in check.found
+    (check,) = check_clip(told, ROBOT, binding=True)
+    assert check.passed and not check.remarkable and "assumed" not in check.found
 
 
 def test_an_evaluation_says_what_nobody_can_perform(still, tmp_path):

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from motion.clip import Clip, clip_to_bytes
+from motion.importers.g1_joints import JOINTS_23
 from policy.metadata import write_metadata
 from policy.spec import ActorSpec, MotionInfo, ObservationGroup, ObservationTerm
 from robot.robot import load_robot
@@ -16,6 +17,13 @@ from world.model import compile_model
 ROBOT = load_robot()
 OBSERVATION = ObservationGroup("obs", (ObservationTerm("dof_pos", (0,)), ObservationTerm("base_ang_vel", (0,))))
 SIZE = ROBOT.num_joints + 3
+
+
+def save_csv(clip, path):
+    """As robots' recordings are: root, quaternion with w last, 23 joints in the maker's order; no frame rate."""
+    order = [clip.joint_names.index(name) for name in JOINTS_23]
+    quat_xyzw = np.roll(clip.root_quat_wxyz, -1, axis=1)
+    np.savetxt(path, np.hstack([clip.root_pos_w, quat_xyzw, clip.joint_pos_rad[:, order]]), delimiter=",")
 
 
 def standing_clip(duration_s: float) -> Clip:

@@ -8,9 +8,10 @@ import pytest
 from motion.clip import Clip, save_clip
 from motion.reference import build_reference
 from motion.residual_wrench import demand_of, friction_needed
+from tests.sim2sim.toys import save_csv
 from tests.train.worlds import g1, swaying_clip
 from train.config import compose_document
-from train.session import environment_of, feasibility, friction_floor
+from train.session import assumed_rates, environment_of, feasibility, friction_floor
 from train.setup import new_setup
 from train.simulation.domain import DomainRanges
 
@@ -66,6 +67,22 @@ def test_of_several_clips_a_tenth_of_the_time_may_need_more_friction(seconds, ne
     words = (f"motions={tmp_path / 'clips'}", "train=tracker", f"run_dir={tmp_path / 'run'}")
     setup = new_setup(compose_document(words))
     assert setup.friction_needed == pytest.approx(needed, abs=0.01)
+
+
+def test_recordings_that_do_not_say_how_fast_they_are_are_named(tmp_path):
+    (tmp_path / "clips").mkdir()
+    for name in "abcde":
+        save_csv(swaying_clip(g1(), 0.5), tmp_path / "clips" / f"{name}.csv")
+    save_clip(swaying_clip(g1(), 0.5), tmp_path / "clips" / "told.npz")
+    words = ("train=tracker", f"run_dir={tmp_path / 'run'}")
+    for motion, named in (
+        (f"motions={tmp_path / 'clips'}", "a, b, c and 2 more"), (f"motion={tmp_path / 'clips' / 'b.csv'}", "b"),
+        (f"motion={tmp_path / 'clips' / 'told.npz'}", None),
+    ):  # fmt: skip
+        told = assumed_rates(new_setup(compose_document([motion, *words])))
+        assert [line.split(": ")[:3] for line in told] == [
+            ["warning", named, "60 frames per second assumed"]
+        ] * (named is not None)  # fmt: skip
 
 
 def test_friction_ends_where_it_was_told_to():
