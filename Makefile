@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-install: $(VENV)/.installed-all  ## .venv with everything needed on this machine (not the extras gpu and cluster)
+install: $(VENV)/.installed-all  ## .venv with everything needed on this machine
 
 demo: $(VENV)/.installed-view  ## stand up, play taichi, stand again in MuJoCo: demo/taichi.mp4 and its metrics
 	@mkdir -p demo

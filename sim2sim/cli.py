@@ -94,6 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_output_folder("--report", options.report)
     if options.meshes is not None:
         check_meshes(load_robot(options.robot), options.meshes)
+    if options.goal not in ("full", *TASKS) and not options.motion:
+        raise InputError(f"--goal {options.goal} shows a part of a clip", hint="give --motion")
     if options.goal in TASKS and not options.motion:
         _steer(options)
     elif options.stress:

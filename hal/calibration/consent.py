@@ -59,8 +59,10 @@ def endpoints_of(elsewhere: list[str]) -> dict[str, str]:
     return {bus: endpoint for bus, _, endpoint in pairs}
 
 
-def run_command(action: Callable[[], int]) -> int:
+def run_command(action: Callable[[], int], stopped: int = DONE) -> int:
     """Run a command's body; its errors become one line and an exit code. Every stop signal ends it like Ctrl-C.
+
+    stopped: what it ends with then. To stop is an orderly end of what moves a robot, and of nothing else.
 
     What is on its way out is not interrupted a second time, and a console that is gone keeps nobody.
     """
@@ -72,7 +74,7 @@ def run_command(action: Callable[[], int]) -> int:
     except (DeviceError, OSError) as error:
         return _end(f"error: {error}", DEVICE)
     except KeyboardInterrupt:
-        return _end("stopped", DONE)
+        return _end("stopped", stopped)
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterable, Sequence
 
 from core.arguments import ArgumentParser
+from core.command import STOPPED
 from core.errors import InputError
 from core.structured import one_of
 from hal.calibration.consent import DEVICE, DONE, add_wire_options, load_wires, run_command
@@ -25,8 +26,8 @@ SHOWN_IDS = 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns 0 done, 2 bad input, 4 where a bus cannot be opened or a servo of the file does not answer."""
-    return run_command(lambda: _scan(arguments))
+    """Returns 0 done, 2 bad input, 130 stopped, 4 where a bus does not open or a servo of the file does not answer."""
+    return run_command(lambda: _scan(arguments), STOPPED)
 
 
 def _scan(arguments: Sequence[str] | None) -> int:

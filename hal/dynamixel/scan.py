@@ -10,6 +10,7 @@ from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 
 from core import robot_time as time
 from core.arguments import ArgumentParser
+from core.command import STOPPED
 from hal.calibration.consent import DEVICE, DONE, run_command
 from hal.contract.types import DeviceError
 from hal.dynamixel import registers as r
@@ -62,9 +63,12 @@ def torque_off(device: str, baud: int, ids: Sequence[int]) -> list[int]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command `hal/scan_dynamixel`. Returns 0 done or stopped, 2 bad input, 4 where nothing answers, a servo keeps
-    its torque, or the port cannot be used."""
-    return run_command(lambda: _scan(_parser().parse_args(arguments)))
+    """The command `hal/scan_dynamixel`.
+
+    Returns 0 done, 2 bad input, 130 stopped, 4 where nothing answers, a servo keeps its torque, or the port cannot be
+    used.
+    """
+    return run_command(lambda: _scan(_parser().parse_args(arguments)), STOPPED)
 
 
 def _scan(given: Namespace) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arguments import ArgumentParser
+from core.command import STOPPED
 from core.errors import InputError
 from hal.calibration.consent import Ask, consent, endpoints_of, run_command
 from hal.calibration.zero import settle, zero_of
@@ -24,8 +25,8 @@ STILL_RAD = 0.01
 
 
 def main(arguments: Sequence[str] | None = None, *, ask: Ask | None = None) -> int:
-    """Returns 0 done or stopped, 2 bad input or not agreed, 4 device."""
-    return run_command(lambda: _zero(arguments, ask))
+    """Returns 0 done, 130 stopped, 2 bad input or not agreed, 4 device."""
+    return run_command(lambda: _zero(arguments, ask), STOPPED)
 
 
 def _zero(arguments: Sequence[str] | None, ask: Ask | None) -> int:

@@ -162,6 +162,8 @@ def test_the_command_plays_it_and_says_what_does_not_fit(tmp_path, capsys):
     for option in (["--video", str(tmp_path / "v.mp4")], ["--start", "stand"], ["--stress"]):
         assert main(["--policy", policy, "--goal", "steer", *option]) == 2
         assert f"{option[0]} does not go with a random stick" in capsys.readouterr().err
+    assert main(["--policy", policy, "--goal", "vr3"]) == 2
+    assert capsys.readouterr().err == "error: --goal vr3 shows a part of a clip; give --motion\n"
 
 
 def test_errors_of_episodes_that_hardly_begin_are_unknown(tmp_path, capsys):

@@ -36,7 +36,9 @@ def library() -> tuple[ModuleType, ModuleType]:
     try:
         from moteus import multiplex, protocol
     except ImportError as error:
-        raise InputError("moteus servos need the moteus library", hint='pip install "kata[moteus]"') from error
+        raise InputError(
+            "moteus servos need the moteus library", hint="pip install -e '.[moteus]' in kata's folder"
+        ) from error
     return multiplex, protocol
 
 

@@ -40,7 +40,7 @@ def test_a_port_that_does_not_exist_is_said(capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize(
     ("raised", "code", "said"),
     [
-        (KeyboardInterrupt(), 0, "stopped\n"),
+        (KeyboardInterrupt(), 130, "stopped\n"),
         (OSError(5, "Input/output error"), 4, "error: [Errno 5] Input/output error\n"),
     ],
 )
