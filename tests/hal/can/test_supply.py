@@ -87,7 +87,7 @@ def test_a_motor_that_refuses_the_question_or_says_no_number_shows_nothing():
 
 
 def test_moteus_is_asked_in_a_frame_of_its_own(impatient):
-    pytest.importorskip("moteus", reason="the extra kata[moteus] is not installed")
+    pytest.importorskip("moteus", reason="the extra moteus is not installed")
     options = {"kp_nm_per_turn": 600.0, "kd_nm_s_per_turn": 20.0, "torque_nm": 60.0}
     rig = Rig(robot_file(motor(ANKLE, 1, codec="moteus", model="x1", options=options), supply_v=24.0))
     rig.faults.add("supply", ANKLE, value=30.0)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-pytest.importorskip("moteus", reason="the extra kata[moteus] is not installed")
+pytest.importorskip("moteus", reason="the extra moteus is not installed")
 
 from core.errors import InputError
 from hal.can.codec import SUPPLY_V, WATCHDOG_S, CommandKind, MotorCommand, MotorState
@@ -197,7 +197,7 @@ def test_without_the_library_the_message_says_what_to_install(monkeypatch):
     moteus_registers.library.cache_clear()
     monkeypatch.setitem(sys.modules, "moteus", None)
     try:
-        with pytest.raises(InputError, match=r"kata\[moteus\]"):
+        with pytest.raises(InputError, match=r"pip install -e '\.\[moteus\]'"):
             make_codec("moteus", 1, "r4", **OPTIONS)
     finally:
         moteus_registers.library.cache_clear()
