@@ -5,7 +5,8 @@ benchmarks/steering.py --policy goals --json F
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from core.files import check_output_file, write_json
 from deploy.goals.guard import Steer
 from deploy.goals.steering import Pilot
 from sim2sim.request import EvaluationRequest
-from sim2sim.steered import Seat, watched
+from sim2sim.steered import Seat, check_follows_goals, watched
 
 ASKED = (  # m/s forward, m/s to the left, rad/s to the left
     (0.6, 0.0, 0.0), (0.45, 0.0, 0.0), (0.3, 0.0, 0.0), (0.15, 0.0, 0.0), (-0.2, 0.0, 0.0), (-0.4, 0.0, 0.0),
     (0.4, 0.3, 0.0), (0.0, 0.3, 0.0), (0.0, 0.15, 0.0), (0.0, -0.3, 0.0), (0.3, 0.0, 0.5), (0.0, 0.0, 0.8),
 )  # fmt: skip
-SETTLES_S = 4.0
+SETTLES_TICKS = 200  # 4 s
 
 
 class _Held:
@@ -43,21 +44,27 @@ def held(asked: tuple[float, float, float]) -> Callable[[Seat], Pilot]:
     return lambda seat: _Held(Steer(*asked))
 
 
-def measure(policy: str, asked: tuple[float, float, float], request: EvaluationRequest) -> dict[str, object]:
-    """Mean speeds over all episodes once it has settled, and how many lasted."""
-    speeds, lasted, off_rad = [], 0, []
-    for episode in range(request.episodes):
-        score, watch = watched(request, policy, episode, held(asked))
-        lasted += score.ended == "completed"
-        off_rad.append(score.heading_error_rad)
-        done = np.array(watch.done[round(SETTLES_S / 0.02) :]).reshape(-1, 2)
-        speeds.append(done.mean(axis=0) if len(done) else np.full(2, np.nan))
-    forward, left = (float(value) for value in np.nanmean(speeds, axis=0))
+def measure(policy: str, asked: tuple[float, float, float], request: EvaluationRequest) -> dict[str, Any]:
+    """Mean speeds of all episodes after :data:`SETTLES_TICKS`, how far the heading was off, how many lasted."""
+    played = [watched(request, policy, episode, held(asked)) for episode in range(request.episodes)]
+    done = [speed for _, watch in played for speed in watch.done[SETTLES_TICKS:]]
+    off_rad = [off for _, watch in played for off in watch.off_rad]
+    forward, left = np.mean(done, axis=0).tolist() if done else (None, None)
     return {
         "asked": dict(zip(("forward_m_s", "left_m_s", "turn_rad_s"), asked, strict=True)),
-        "forward_m_s": forward, "left_m_s": left, "heading_error_rad": float(np.mean(off_rad)),
-        "lasted": lasted, "episodes": request.episodes,
+        "forward_m_s": forward, "left_m_s": left, "heading_error_rad": float(np.mean(off_rad)) if off_rad else None,
+        "lasted": sum(score.ended == "completed" for score, _ in played), "episodes": request.episodes,
     }  # fmt: skip
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    def number(value: float | None) -> str:
+        return "none" if value is None else f"{value:.3f}"
+
+    asked = ", ".join(f"{value:5.2f}" for value in row["asked"].values())
+    walks = ", ".join(number(row[key]) for key in ("forward_m_s", "left_m_s"))
+    heading = number(row["heading_error_rad"])
+    return f"asked {asked}: walks {walks} m/s, {heading} rad off; {row['lasted']} of {row['episodes']} lasted"
 
 
 @guarded
@@ -71,13 +78,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.json:
         check_output_file(args.json, "--json")
+    check_follows_goals(args.policy)
     request = EvaluationRequest((args.policy,), goal="steer", episodes=args.episodes, randomize=args.randomize)
     rows = []
     for asked in ASKED:
-        rows.append(row := measure(args.policy, asked, request))
-        print("asked {:5.2f} {:5.2f} m/s {:4.1f} rad/s".format(*asked), end="  ")
-        print("walks {forward_m_s:5.2f} {left_m_s:5.2f} m/s, {heading_error_rad:.3f} rad off,".format(**row), end=" ")
-        print(f"{row['lasted']} of {row['episodes']} lasted", flush=True)
+        rows.append(measure(args.policy, asked, request))
+        print(_told(rows[-1]), flush=True)
     if args.json:
         write_json(args.json, {"policy": args.policy, "rows": rows})
     return 0

@@ -26,7 +26,7 @@ CLIP_ENDINGS = (".npz", ".pkl", ".csv")
 class Entry:
     """One clip of a manifest.
 
-    ``file``: beside the manifest, or an absolute path. ``sha256``: of the file, 64 hex digits; None: not checked.
+    ``file``: from the manifest's folder on, or an absolute path. ``sha256``: of the file, in hex; None: unchecked.
     ``licence``: under which its motion may be used. ``labels``: words for what is done. ``fps``: frame rate of a CSV,
     which does not say.
     """

@@ -182,8 +182,7 @@ def evaluate_steered(
     Raises InputError before any episode.
     """
     for policy in request.policies:
-        if not follows_goals(read_metadata(path := resolve_actor(policy)).spec):
-            raise InputError("this actor follows clips, not goals", where=path, hint="give --motion instead of --goal")
+        check_follows_goals(policy)
     documents = []
     for policy in request.policies:
         scores = []
@@ -192,6 +191,12 @@ def evaluate_steered(
             on_done(scores[-1])
         documents.append(_document(policy, request, scores))
     return documents
+
+
+def check_follows_goals(policy: str) -> None:
+    """InputError where an actor cannot be steered."""
+    if not follows_goals(read_metadata(path := resolve_actor(policy)).spec):
+        raise InputError("this actor follows clips, not goals", where=path, hint="give --motion instead of --goal")
 
 
 def _document(policy: str, request: EvaluationRequest, scores: Sequence[SteeredScore]) -> dict[str, Any]:

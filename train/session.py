@@ -13,14 +13,12 @@ from core.errors import InputError
 from core.files import write_json, write_whole
 from core.signals import StopRequest
 from motion.clip import load_clip, save_clip
-from motion.clip_set import NamedClip
 from motion.envelope import TRAINED_ON, envelope_of
-from motion.importers.csv_joints import ASSUMED, rate_assumed
-from motion.residual_wrench import Demand, residual_wrench
 from motion.steering import STEERED_ON, steering_range
 from policy.observation import asks_for
 from robot.robot import load_robot
 from train.checkpoint import Checkpoints, read_state
+from train.clip_warnings import told_before
 from train.companion import write_companion
 from train.config import check, fingerprint, to_yaml
 from train.distil.build import build_distil_learner
@@ -46,7 +44,6 @@ from train.world_model.build import build_world_model_learner
 from train.world_model.learner import WorldModelLearner
 
 EVALUATION_SEED = 12345
-NAMED = 3  # clips in a warning
 
 
 def train(setup: Setup, stop: StopRequest) -> Outcome:
@@ -128,42 +125,6 @@ def replay_dump(path: Path) -> str:
     return f"{recorded}; repeated at step {seen[0]}: {seen[1]}"
 
 
-def told_before(setup: Setup) -> list[str]:
-    """What is known of the clips before anything is learnt."""
-    one = [] if setup.clips else feasibility(setup.demands[0], setup.friction_needed)
-    return [*assumed_rates(setup), *one, *friction_floor(setup)]
-
-
-def assumed_rates(setup: Setup) -> list[str]:
-    """A line where nothing says how fast a recording is."""
-    clips = setup.clips or (NamedClip(setup.config.motion_name, setup.clip),)
-    names = [clip.name for clip in clips if rate_assumed(clip.clip)]
-    told = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
-    way = "motion/process --fps makes a clip that says it; in a manifest the entry's fps does"
-    return [f"warning: {told}: {ASSUMED}; {way}"] if names else []
-
-
-def feasibility(demand: Demand, friction: float) -> list[str]:
-    """What the ground can give of a motion, in words: a line, and one more where no robot can do it on its own."""
-    residual = residual_wrench(demand)
-    lines = [f"forces: {residual}; friction needed: {friction:.2f}"]
-    seconds = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in residual.impossible_spans_s())
-    if seconds:
-        lines.append(
-            f"warning: no robot can do {seconds} of the clip on its own exactly as recorded; expect errors or falls "
-            "there. Cut the clip (motion/process --start, --end), play it slower (--fps), or correct its contacts."
-        )
-    return lines
-
-
-def friction_floor(setup: Setup) -> list[str]:
-    """A line where friction is not drawn as low as the configuration says."""
-    asked, low = (config.environment.randomization.friction[0] for config in (setup.config, setup.followable))
-    why = "the clips need it" if setup.clips else "the clip needs it"
-    line = f"friction: drawn from {low:.2f} on, not from {asked:.2f}: {why}"
-    return [line] if round(low, 2) > round(asked, 2) else []
-
-
 def environment_of(setup: Setup) -> Environment:
     """The environment that a run trains in, at its beginning."""
     config = setup.followable
@@ -209,8 +170,8 @@ def _learned_from(setup: Setup) -> dict[str, Any]:
         for named in setup.clips
     ]
     facts: dict[str, Any] = {TRAINED_ON: envelope_of(setup.references.values(), setup.robot)}
-    if asks_for([setup.config.environment.actor_group()], "goal_visible"):
-        facts[STEERED_ON] = steering_range(setup.references.values())
+    if steered := [setup.references[name] for name in setup.steered]:
+        facts[STEERED_ON] = steering_range(steered)
     return {"clips": clips, **facts} if clips else facts
 
 

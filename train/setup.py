@@ -52,6 +52,12 @@ class Setup:
                 references[clip.name] = build_reference(clip.clip, self.robot, CONTROL_PERIOD_S)
         return references
 
+    @property
+    def steered(self) -> list[str]:
+        """Names of the clips of which an actor of goals is told speeds alone at times."""
+        goals = self.config.environment.goals
+        return [name for name in self.references if goals is not None and goals.of(name).get("steer", 0.0) > 0.0]
+
     @cached_property
     def demands(self) -> list[Demand]:
         """What each reference asks of the ground."""

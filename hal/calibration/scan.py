@@ -145,7 +145,7 @@ def _parser() -> ArgumentParser:
         prog="hal/scan",
         description="List the CAN servos that answer, and how much of each wire's time the configured rate takes. "
         "A bus that somebody commands is refused.",
-        epilog="Exit codes: 0 done, 2 bad input, 4 a bus cannot be opened or a servo of the file is silent.",
+        epilog="Exit codes: 0 done, 2 bad input, 4 a bus cannot be opened or a servo of it is silent, 130 stopped.",
         allow_abbrev=False,
     )
     add_wire_options(parser)

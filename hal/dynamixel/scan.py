@@ -119,7 +119,7 @@ def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="hal/scan_dynamixel",
         description="List the Dynamixel servos that answer on a serial port.",
-        epilog="Exit codes: 0 done or stopped, 2 bad input, 4 nothing answers or the port cannot be used.",
+        epilog="Exit codes: 0 done, 2 bad input, 4 nothing answers or the port cannot be used, 130 stopped.",
         allow_abbrev=False,
     )
     parser.add_argument("port", metavar="DEVICE", help="such as /dev/ttyUSB0")

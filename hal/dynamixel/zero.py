@@ -82,7 +82,7 @@ def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="hal/zero_dynamixel",
         description="Find the zero of one joint of Dynamixel servos: hold it at a known angle by hand.",
-        epilog="Exit codes: 0 done or stopped, 2 bad input or not agreed, 4 device.",
+        epilog="Exit codes: 0 done, 2 bad input or not agreed, 4 device, 130 stopped.",
         allow_abbrev=False,
     )
     parser.add_argument("joint")

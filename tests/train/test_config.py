@@ -283,7 +283,8 @@ def test_the_papers_numbers_of_distillation():
     assert {name for name, ramp in distil.losses.items() if ramp.at(10_000)} == {"action", "kl"}
     assert (goals.redraw_per_s / 30, goals.gap_per_s / 30) == pytest.approx((0.02, 0.01))
     assert tuple(30 * seconds for seconds in goals.gap_s) == pytest.approx((1.0, 9.0), abs=0.01)
-    assert {kind: share for kind, share in goals.kinds.items() if share} == {"bodies": 1.0}
+    assert {kind: share for kind, share in goals.of("walk_forward").items() if share} == {"bodies": 1.0}
+    assert goals.phase_s == 0.0
 
 
 @pytest.mark.parametrize(("preset", "threads"), [("clip", 1), ("last_mile", 3)])

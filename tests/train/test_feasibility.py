@@ -10,8 +10,9 @@ from motion.reference import build_reference
 from motion.residual_wrench import demand_of, friction_needed
 from tests.sim2sim.toys import save_csv
 from tests.train.worlds import g1, swaying_clip
+from train.clip_warnings import assumed_rates, feasibility, friction_floor
 from train.config import compose_document
-from train.session import assumed_rates, environment_of, feasibility, friction_floor
+from train.session import environment_of
 from train.setup import new_setup
 from train.simulation.domain import DomainRanges
 

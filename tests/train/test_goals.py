@@ -8,6 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from core.errors import InputError
+from motion.clip import save_clip
 from motion.steering import steering_of, with_steering
 from motion.tables import with_tables
 from policy.goals import KINDS, PARTS, POINTS, bits_of, visible_in
@@ -17,9 +18,12 @@ from policy.observation import reference_tables, sample_terms, term_dims, window
 from policy.reference import window_at
 from policy.terms import ObservationInput
 from tests.train.test_many_clips import references
-from tests.train.worlds import g1, observations_of_robots, settings
+from tests.train.worlds import g1, observations_of_robots, settings, swaying_clip
+from train.clip_warnings import unsteered
+from train.config import compose_document
 from train.mdp.factory import build_environment
-from train.mdp.goals import Goals, GoalSettings, errors_by_kind, visible
+from train.mdp.goals import Goals, GoalSettings, KindsOf, errors_by_kind, visible
+from train.setup import new_setup
 
 ROBOT = g1()
 GROUP = goals_actor_group()
@@ -149,7 +153,9 @@ def test_who_is_shown_what_by_counting():
 
 def test_clips_have_shares_of_their_own_by_name():
     """A name counts as a whole, and the first expression that fits; drawn anew within an episode, too."""
-    of_walks = {"walk_.*|stand": {"steer": 0.75, "full": 0.25}, "walk_on": {"none": 1.0}}
+    of_walks = {
+        "walks": KindsOf("walk_.*|stand", {"steer": 0.75, "full": 0.25}), "one": KindsOf("walk_on", {"none": 1.0}),
+    }  # fmt: skip
     settings = GoalSettings({"full": 0.5, "vr3": 0.5}, of_walks, redraw_per_s=50.0)
     generator = torch.Generator().manual_seed(4)
     goals = Goals(settings, ["dance", "walk_on", "stand", "stand_up"], generator)
@@ -238,13 +244,25 @@ def test_errors_are_told_by_kind():
 def test_settings_that_make_no_sense_are_refused(kinds, message):
     with pytest.raises(InputError, match=message):
         GoalSettings(kinds)
-    with pytest.raises(InputError, match=r"kinds_of\.walk.*" + message):
-        GoalSettings({"full": 1.0}, {"walk": kinds})
+    with pytest.raises(InputError, match=message):
+        KindsOf("walk", kinds)
+
+
+def test_who_may_be_steered_is_known_by_the_clips_that_are_learnt_so(tmp_path):
+    """The file says the range of their speeds alone, and a run without any says so before it begins."""
+    for names in (["dance"], ["dance", "walk_on"]):
+        for name in names:
+            save_clip(swaying_clip(ROBOT, 1.0), tmp_path / f"{name}.npz")
+        setup = new_setup(compose_document([f"motions={tmp_path}", "train=goals", f"run_dir={tmp_path / 'run'}"]))
+        assert setup.steered == names[1:]
+        assert [line[:34] for line in unsteered(setup)] == ["warning: no clip is learnt by its "] * (len(names) == 1)
+    tracker = new_setup(compose_document([f"motions={tmp_path}", "train=tracker", f"run_dir={tmp_path / 'run'}"]))
+    assert tracker.steered == [] == unsteered(tracker)
 
 
 def test_an_expression_that_is_none_is_refused():
-    with pytest.raises(InputError, match=r"no regular expression"):
-        GoalSettings({"full": 1.0}, {"walk_(": {"steer": 1.0}})
+    with pytest.raises(InputError, match=r"clips: no regular expression, got walk_\("):
+        KindsOf("walk_(", {"steer": 1.0})
 
 
 def test_what_the_actor_sees_in_training_is_what_a_robot_computes():
@@ -266,22 +284,31 @@ def test_what_the_actor_sees_in_training_is_what_a_robot_computes():
         assert trained == pytest.approx(computed, abs=1e-4)
 
 
-def test_the_reference_of_who_is_told_of_speeds_alone_falls_into_his_step():
-    """Robots in the pose of 9 ticks after where the time of their episodes has come to; two are shown who they are."""
+def test_a_teacher_follows_the_step_that_a_robot_is_in():
+    """Robots in the pose of 9 ticks after their references, which turn by then; half are told no more than speeds."""
     env = build_environment(
-        settings(goals={"kinds": {"full": 1.0}, "phase_s": 0.4}, **GOALS), ROBOT, references(), num_envs=6, seed=2,
-        threads=2,
+        settings(goals={"kinds": {"full": 1.0}, "phase_s": 0.4}, teacher="tracker", **GOALS), ROBOT, references(),
+        num_envs=6, seed=2, threads=2,
     )  # fmt: skip
     state, command, steer = env.state, env.command, bits_of(("steer",))
     paused = bits_of(("joints",)) + (3 << len(PARTS))
     state.goal[:] = torch.tensor([steer, 0, steer, bits_of(("steer", "left_hand")), paused, steer])
-    state.clip[:] = command.num_ticks.argmax()
-    state.start_tick[:], state.episode_steps[:] = 20, 40
-    state.episode_steps[5] = 41
-    state.tick[:] = 20 + state.episode_steps
-    state.tick[2] = 75  # moved before; the search is around where it would be by time
-    ahead = command.table.rows(state.clip, torch.full_like(state.tick, 69))
+    state.clip[:], state.tick[:] = command.num_ticks.argmax(), 60
+    ahead = command.table.rows(state.clip, state.tick + 9)
     state.physics.joint_pos_rad[:], state.physics.joint_vel_rad_s[:] = ahead.joint_pos_rad, ahead.joint_vel_rad_s
-    command.advance(state, torch.Generator())
-    assert state.tick.tolist() == [70, 70, 70, 61, 61, 62]  # the last one's turn is another
-    assert state.episode_steps.tolist() == [41, 41, 41, 41, 41, 42]
+    rows = torch.tensor([5, 3, 1, 4])
+    seen = command.window(state, rows, (0, 4))
+    by_time, there = (command.table.window(state.clip[rows], torch.full((4,), tick), (0, 4)) for tick in (60, 69))
+    for row, free in enumerate([True, False, True, False]):
+        wanted = there if free else by_time
+        assert torch.equal(seen.joint_pos_rad[row], wanted.joint_pos_rad[row])
+        assert torch.equal(seen.root_height_m[row], wanted.root_height_m[row])
+        assert torch.equal(seen.steer[row], by_time.steer[row])
+        turns = [Rotation.from_quat(w.root_quat_wxyz[row].numpy(), scalar_first=True) for w in (seen, wanted, by_time)]
+        yaw, wanted_yaw, told_yaw = (turn.as_euler("ZYX")[:, 0] for turn in turns)
+        assert yaw[0] == pytest.approx(told_yaw[0], abs=1e-5)
+        assert yaw[1] - yaw[0] == pytest.approx(wanted_yaw[1] - wanted_yaw[0], abs=1e-5)
+        for name in ("root_lin_vel_w", "root_ang_vel_w"):
+            own = [turn.inv().apply(getattr(w, name)[row]) for turn, w in zip(turns, (seen, wanted), strict=False)]
+            assert own[0] == pytest.approx(own[1], abs=1e-5)
+    assert there.root_quat_wxyz[0, 0] != pytest.approx(by_time.root_quat_wxyz[0, 0], abs=1e-3)

@@ -9,14 +9,12 @@ import torch
 from policy.reference import ReferenceWindow
 from train.mdp.clip_sampler import ClipFigures, ClipSampler
 from train.mdp.failures import FailureRates
-from train.mdp.gait import tick_in_step, told_speeds_alone
+from train.mdp.gait import tick_in_step, told_speeds_alone, window_in_step
 from train.mdp.goals import Goals, visible
 from train.mdp.settings import EnvironmentSettings
 from train.mdp.starts import StartSampler
 from train.mdp.state import EnvState
 from train.mdp.tick import ReferenceRows, ReferenceTable
-
-IN_STEP_EVERY = 10  # ticks
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,7 @@ class Command:
         self._clips = ClipSampler(settings.clips, generator)
         self._figures = ClipFigures(self.names, device)
         self.goals, self._dt_s = Goals(settings.goals, self.names, generator), dt_s
+        self._reach = 0 if settings.teacher is None else round(self.goals.settings.phase_s / dt_s)
 
     def draw(self, env_ids: torch.Tensor) -> EpisodeStart:
         """Clips, start ticks and start states of the episodes that robots ``env_ids`` (n,) begin."""
@@ -82,21 +81,9 @@ class Command:
 
     def advance(self, state: EnvState, generator: torch.Generator) -> None:
         """A control tick passes; what it draws is from ``generator``."""
-        self._fall_into_step(state)
         state.tick += 1
         state.episode_steps += 1
         state.goal = self.goals.after_tick(state.goal, state.clip, self._dt_s, generator)
-
-    def _fall_into_step(self, state: EnvState) -> None:
-        """Now and then move the reference of who is told speeds alone to within ``phase_s`` of where it would be."""
-        reach = round(self.goals.settings.phase_s / self._dt_s)
-        due = (state.episode_steps % IN_STEP_EVERY == 0) & told_speeds_alone(state.goal)
-        (rows,) = due.nonzero(as_tuple=True)
-        if not reach or not len(rows):
-            return
-        by_time = state.start_tick[rows] + state.episode_steps[rows]
-        joints = state.physics.joint_pos_rad[rows], state.physics.joint_vel_rad_s[rows]
-        state.tick[rows] = tick_in_step(self.table, state.clip[rows], by_time, *joints, reach)
 
     def next_target(self, state: EnvState) -> ReferenceRows:
         """What the robots will be compared with after the next step."""
@@ -107,7 +94,17 @@ class Command:
         if not ticks:
             return None
         window = self.table.window(state.clip[rows], state.tick[rows], ticks)
+        if self._reach:
+            window = self._in_step(window, state, rows)
         return replace(window, visible=visible(state.goal[rows]))
+
+    def _in_step(self, window: ReferenceWindow, state: EnvState, rows: torch.Tensor) -> ReferenceWindow:
+        """What a teacher shall follow of robots that are told speeds alone; they see ``steer``, which stays."""
+        (free,) = told_speeds_alone(state.goal[rows]).nonzero(as_tuple=True)
+        who = rows[free]
+        clip, joints = state.clip[who], (state.physics.joint_pos_rad[who], state.physics.joint_vel_rad_s[who])
+        tick = tick_in_step(self.table, clip, state.tick[who], *joints, self._reach)
+        return window_in_step(window, self.table.window(clip, tick, window.ticks), free)
 
     def is_over(self, state: EnvState) -> torch.Tensor:
         """Whose episode (B,) has come to its end, or lasted as long as one may."""

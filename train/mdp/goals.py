@@ -26,21 +26,37 @@ FEW, FEW_SHARE = 3, 0.1  # in so many draws at most so many bodies
 
 
 @dataclass(frozen=True)
+class KindsOf:
+    """Shares of kinds of some clips: those whose whole name is what the regular expression ``clips`` says."""
+
+    clips: str
+    kinds: dict[str, float]
+
+    def __post_init__(self) -> None:
+        try:
+            re.compile(self.clips)
+        except re.error as e:
+            raise InputError("no regular expression", where="clips", got=f"{self.clips} ({e})") from None
+        _check_shares("kinds", self.kinds)
+
+
+@dataclass(frozen=True)
 class GoalSettings:
     """How robots are shown parts of their goal.
 
     Attributes:
         kinds: share by kind of goal. ``random``: every part with the same chance, drawn for each robot; ``bodies``: one
             to six bodies, of each its place, its turn or both, as MaskedMimic hides its near poses.
-        kinds_of: shares instead of ``kinds``, by a regular expression that is the whole name of the clips they are of.
+        kinds_of: other shares of some clips, by a name for them; the first that fits counts.
         redraw_per_s: how often a second the kind is drawn anew within an episode.
         gap_per_s: how often a second a gap begins, in which nothing is shown.
         gap_s: how long gaps last, uniform.
-        phase_s: how far the reference may be moved in time to where a robot's gait is, of which its goal says nothing.
+        phase_s: of robots that are told speeds alone, how far in time the reference may be moved to where its pose is
+            theirs: for the cost in imagination, and for a teacher. Half a step is enough.
     """
 
     kinds: dict[str, float] = field(default_factory=lambda: {"full": 1.0})
-    kinds_of: dict[str, dict[str, float]] = field(default_factory=dict)
+    kinds_of: dict[str, KindsOf] | None = None
     redraw_per_s: float = 0.0
     gap_per_s: float = 0.0
     gap_s: tuple[float, float] = (0.0, 0.0)
@@ -48,13 +64,6 @@ class GoalSettings:
 
     def __post_init__(self) -> None:
         _check_shares("environment.goals.kinds", self.kinds)
-        for pattern, kinds in self.kinds_of.items():
-            where = f"environment.goals.kinds_of.{pattern}"
-            try:
-                re.compile(pattern)
-            except re.error as e:
-                raise InputError("no regular expression", where=where, got=str(e), expected="clips' names") from None
-            _check_shares(where, kinds)
         for name in ("redraw_per_s", "gap_per_s"):
             at_least(f"environment.goals.{name}", getattr(self, name), 0.0)
         ordered("environment.goals.gap_s", self.gap_s)
@@ -62,11 +71,12 @@ class GoalSettings:
 
     def names(self) -> tuple[str, ...]:
         """Every kind that has a share."""
-        return tuple(dict.fromkeys(name for kinds in (self.kinds, *self.kinds_of.values()) for name in kinds))
+        others = [of.kinds for of in (self.kinds_of or {}).values()]
+        return tuple(dict.fromkeys(name for kinds in (self.kinds, *others) for name in kinds))
 
     def of(self, clip: str) -> dict[str, float]:
-        """The shares of a clip: those of the first expression that is its name, or ``kinds``."""
-        fitting = (kinds for pattern, kinds in self.kinds_of.items() if re.fullmatch(pattern, clip))
+        """The shares of a clip."""
+        fitting = (of.kinds for of in (self.kinds_of or {}).values() if re.fullmatch(of.clips, clip))
         return next(fitting, self.kinds)
 
 

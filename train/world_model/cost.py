@@ -67,7 +67,7 @@ def feet(s: Imagined) -> Tensor:
 
 @COSTS
 def headway(s: Imagined) -> Tensor:
-    """How far the pelvis has come along the ground since the rollout began, beside its reference, per 0.1 m.
+    """How far the pelvis has come along the ground since the first step, beside its reference, per 0.1 m.
 
     It tells slow from fast whichever foot is next. Its knee is wide, so that the sway of a walk counts little.
     """
