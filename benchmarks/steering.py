@@ -76,8 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--randomize", action="store_true", help="everything randomised")
     parser.add_argument("--json", type=path_argument, metavar="FILE", help="write the rows there")
     args = parser.parse_args(argv)
-    if args.json:
-        check_output_file(args.json, "--json")
+    check_output_file("--json", args.json)
     check_follows_goals(args.policy)
     request = EvaluationRequest((args.policy,), goal="steer", episodes=args.episodes, randomize=args.randomize)
     rows = []

@@ -4,6 +4,7 @@ They cannot know which foot is next. To walk out of step would cost more than to
 """
 
 from dataclasses import fields, replace
+from typing import Any
 
 import torch
 
@@ -54,7 +55,7 @@ def window_in_step(window: ReferenceWindow, there: ReferenceWindow, rows: torch.
         root_lin_vel_w=quat_rotate(turn, there.root_lin_vel_w),
         root_ang_vel_w=quat_rotate(turn, there.root_ang_vel_w),
     )
-    moved = {}
+    moved: dict[str, Any] = {}
     for name in (one.name for one in fields(window) if one.name not in TOLD):
         if isinstance(by_time := getattr(window, name), torch.Tensor):
             moved[name] = by_time.index_copy(0, rows, getattr(headed, name))

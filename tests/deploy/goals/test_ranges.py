@@ -14,11 +14,10 @@ from motion.library import open_motion
 from motion.reference import build_reference
 from motion.steering import STEERED_ON, steering_range, steering_range_from
 from policy.metadata import read_metadata
-from policy.observation import asks_for
 from sim2sim.request import EvaluationRequest
 from sim2sim.steered import play_steered
 from tests.deploy.goals.test_runs import played, words
-from tests.deploy.goals.toys import GROUP, write_goal_actor
+from tests.deploy.goals.toys import write_goal_actor
 from tests.deploy.toys import ROBOT, SETTINGS
 from train.session import _learned_from
 
@@ -80,17 +79,12 @@ def test_the_range_of_a_library_leaves_out_what_is_rare():
     assert steering_range_from({STEERED_ON: {name: list(pair) for name, pair in seen.items()}}) == seen
 
 
-@pytest.mark.parametrize("goals", [True, False])
-def test_training_writes_it_for_actors_that_follow_goals(goals):
-    group = GROUP if goals else replace(GROUP, terms=tuple(t for t in GROUP.terms if not t.ticks))
-    assert asks_for([group], "goal_visible") is goals
-    environment = SimpleNamespace(actor_group=lambda: group)
-    setup = SimpleNamespace(
-        clips=(), references={"a": gliding(0.3, 0.2)}, robot=ROBOT, config=SimpleNamespace(environment=environment)
-    )
-    facts = _learned_from(setup)
-    assert "trained_on" in facts and (STEERED_ON in facts) is goals
-    assert not goals or facts[STEERED_ON]["forward"] == pytest.approx((0.3, 0.3), abs=1e-3)
+@pytest.mark.parametrize("steered", [["walk"], []])
+def test_training_writes_it_of_the_clips_that_are_learnt_by_their_speeds(steered):
+    references = {"walk": gliding(0.3, 0.2), "dance": gliding(2.0, 0.2)}
+    facts = _learned_from(SimpleNamespace(clips=(), references=references, robot=ROBOT, steered=steered))
+    assert "trained_on" in facts and (STEERED_ON in facts) is bool(steered)
+    assert not steered or facts[STEERED_ON]["forward"] == pytest.approx((0.3, 0.3), abs=1e-3)
 
 
 def test_a_run_says_its_limits_and_a_script_has_to_keep_to_them(actors, tmp_path, capsys):
