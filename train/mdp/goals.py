@@ -170,6 +170,11 @@ def visible(bits: torch.Tensor) -> torch.Tensor:
     return ((shown[:, None] >> torch.arange(len(PARTS), device=bits.device)) & 1).float()
 
 
+def shows(bits: torch.Tensor, part: str) -> torch.Tensor:
+    """Whether robots (n,) see a part of their goal, unless a gap hides it for a moment."""
+    return bits & bits_of((part,)) > 0
+
+
 def errors_by_kind(settings: GoalSettings | None, bits: torch.Tensor, error_mm: torch.Tensor) -> dict[str, float]:
     """Mean error (B,) of the robots that are shown each kind of goal, ``goal/KIND_empbpe_mm``.
 

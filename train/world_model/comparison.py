@@ -109,7 +109,7 @@ class Comparison:
         real = [unpack(state) for state in torch.nan_to_num(now.state).unbind(0)]
         real = [motion._replace(pos_w=motion.pos_w + moved) for motion in real]
         rows = self.table.rows(start.clip.repeat(steps, 1).flatten(), (start.tick + ahead[1:]).flatten())
-        happened = self.imagination.compare(real[1:], real[:-1], now.target[:-1], imagined.wish, rows)
+        happened = self.imagination.compare(real[1:], real[:-1], now.target[:-1], imagined.wish, rows, start.goal)
         figures = {}
         sides = {"imagined": (imagined.imagined, imagined.alive), "real": (happened, going_on[1:])}
         for name, (did, alive) in sides.items():

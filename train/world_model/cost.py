@@ -26,6 +26,7 @@ class Imagined:
         feet: which of the P are feet.
         torque_share: (H, B, J) of each motor's limit, as asked for at the beginning of the step.
         wish_change: (H, B, J) from the wish of the step before, in scales.
+        steered: (B,) 1 of robots that are told their speeds, else 0.
     """
 
     motion: Motion
@@ -35,6 +36,7 @@ class Imagined:
     feet: list[int]
     torque_share: Tensor
     wish_change: Tensor
+    steered: Tensor
 
 
 def _smooth(square: Tensor, knee: float) -> Tensor:
@@ -56,24 +58,24 @@ def place(s: Imagined) -> Tensor:
 
 @COSTS
 def feet(s: Imagined) -> Tensor:
-    """How far each foot has come since the rollout began, beside its reference, per 0.1 m.
+    """How far each foot of a steered robot has come since the first step, beside its reference, per 0.1 m.
 
     No robot can see how far off it is; it can keep from drifting.
     """
     points, wanted = (values[..., s.feet, :] for values in (s.points_m, s.reference_points_m))
     off = (points - points[:1]) - (wanted - wanted[:1])
-    return _smooth(off.square().sum(dim=-1), 0.01).mean(dim=-1).repeat_interleave(2, dim=0) / 0.1
+    return s.steered * _smooth(off.square().sum(dim=-1), 0.01).mean(dim=-1).repeat_interleave(2, dim=0) / 0.1
 
 
 @COSTS
 def headway(s: Imagined) -> Tensor:
-    """How far the pelvis has come along the ground since the first step, beside its reference, per 0.1 m.
+    """How far a steered robot's pelvis has come on the ground since the first step, beside its reference, per 0.1 m.
 
     It tells slow from fast whichever foot is next. Its knee is wide, so that the sway of a walk counts little.
     """
     at, wanted = (motion.pos_w[..., :2] for motion in (s.motion, s.reference))
     off = (at - at[:1]) - (wanted - wanted[:1])
-    return _smooth(off.square().sum(dim=-1), 0.03) / 0.1
+    return s.steered * _smooth(off.square().sum(dim=-1), 0.03) / 0.1
 
 
 @COSTS

@@ -12,7 +12,7 @@ from policy.spec import ObservationGroup
 from policy.terms import ObservationInput
 from robot.robot import Robot
 from train.mdp.draws import normal
-from train.mdp.goals import visible
+from train.mdp.goals import shows, visible
 from train.mdp.sensing import Senses
 from train.mdp.tick import ReferenceRows, ReferenceTable
 from train.world_model.context import Context, context_of
@@ -120,7 +120,7 @@ class Imagination:
             wishes.append(wish)
             targets.append(target)
         rows = self._table.rows(clip[1:].flatten(), tick[1:].flatten())
-        imagined = self.compare(states, befores, torch.stack(targets), torch.stack(wishes), rows)
+        imagined = self.compare(states, befores, torch.stack(targets), torch.stack(wishes), rows, start.goal)
         return Rollout(imagined, self._alive(imagined), torch.stack(wishes), ahead, context)
 
     def first_sight(self, start: Start) -> tuple[Tensor, Tensor, Motion, Motion, Context]:
@@ -228,9 +228,18 @@ class Imagination:
         return noise
 
     def compare(
-        self, states: list[Motion], befores: list[Motion], targets: Tensor, wishes: Tensor, rows: ReferenceRows
+        self,
+        states: list[Motion],
+        befores: list[Motion],
+        targets: Tensor,
+        wishes: Tensor,
+        rows: ReferenceRows,
+        goal: Tensor,
     ) -> Imagined:
-        """What H steps cost by: states after and before each, targets and wishes (H, B, J), references after each."""
+        """What H steps cost by.
+
+        States after and before each, targets and wishes (H, B, J), references after each, goals (B,).
+        """
         motion = Motion(*(torch.stack(parts) for parts in zip(*states, strict=True)))
         q, speed = (torch.stack(parts) for parts in list(zip(*befores, strict=True))[-2:])
         shape = wishes.shape[:2]
@@ -244,6 +253,7 @@ class Imagination:
             feet=self._feet,
             torque_share=self._kp_share * (targets - q) - self._kd_share * speed,
             wish_change=torch.cat([torch.zeros_like(wishes[:1]), wishes[1:] - wishes[:-1]]),
+            steered=shows(goal, "steer").float(),
         )
 
     def _alive(self, s: Imagined) -> Tensor:

@@ -27,7 +27,7 @@ def still(steps=STEPS, robots=ROBOTS):
     motion = Motion(pos, upright, lin, ang, joints, speeds)
     points = torch.zeros(steps // 2, robots, POINTS, 3)
     wanting = torch.zeros(steps, robots, JOINTS)
-    return Imagined(motion, motion, points, points, FEET, wanting, wanting)
+    return Imagined(motion, motion, points, points, FEET, wanting, wanting, torch.ones(robots))
 
 
 def off(**parts):
